@@ -4,7 +4,6 @@ import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.plugins.inelastic.law import InternalVariables, program_of
-from hhr_dolfinx.plugins.inelastic.laws import MooneyRivlin, NeoHooke
 
 YOUNG, POISSON = 210e3, 0.3
 SHEAR = YOUNG / 2 / (1 + POISSON)
@@ -28,10 +27,8 @@ LAWS = {
     "Lemaitre": hhr.Lemaitre(250.0, 20e3, 5.0),
     "stiffness": hhr.ChangingStiffness(hhr.Chaboche(200.0, ((60e3, 600.0),)), 150e3),
     "heated": hhr.Heated(hhr.Chaboche(200.0, ((60e3, 600.0),)), 1e-5, 300.0, 20.0),
-    "neo-Hooke": NeoHooke(),
-    "Mooney-Rivlin": MooneyRivlin(0.3),
 }
-"""Laws of the package, in MPa; the last two are of large strains."""
+"""Laws of the package, in MPa."""
 
 
 def at_rest(program, points=1):

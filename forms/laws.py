@@ -29,7 +29,7 @@ _NOTHING: Mapping[str, Expr] = MappingProxyType({})
 class At(NamedTuple):
     """Symbols of a step at a point, and numbers that are no symbols."""
 
-    strain: Expr  #: at the end of the step: Kelvin's notation, or F, (3, 3), at large strains
+    strain: Expr  #: at the end of the step: Kelvin's notation
     unknown: SimpleNamespace  #: unknowns of the law by name
     #: before the step: inelastic = ε - C^-1 σ, cumulated, and the memory of the law by name
     old: SimpleNamespace
@@ -40,9 +40,7 @@ class At(NamedTuple):
 class Stated(NamedTuple):
     """A law at a point; ``residual`` has as many components as there are unknowns."""
 
-    stress: (
-        Expr  # at the end of the step; the first Piola-Kirchhoff stress, (3, 3), at large strains
-    )
+    stress: Expr  #: at the end of the step, in Kelvin's notation
     #: after the step: cumulated, which stays without one, and the memory of the law; ε - C^-1 σ
     #: follows from the stress
     memory: Mapping[str, Expr] = _NOTHING
@@ -84,23 +82,33 @@ def lame(constants: SimpleNamespace) -> tuple[Expr, Expr]:
 
 
 def hooke(strain: Expr, constants: SimpleNamespace) -> Expr:
-    """Isotropic elasticity: λ tr(ε) 1 + 2 μ ε."""
+    """Isotropic elasticity: λ tr(ε) 1 + 2 μ ε.
+
+    Args:
+        strain: strain in Kelvin's notation.
+        constants: ``young`` and ``poisson``.
+    """
     lam, mu = lame(constants)
     return lam * trace(strain) * unit(strain) + 2 * mu * strain
 
 
 def ramps(x: Expr, points: Sequence[tuple[float, float]]) -> Expr:
-    """Table, linear between its points and beyond the last one, constant before the first: a sum of
-    ramps.
+    """Table as a sum of ramps: linear between its points and beyond the last one.
+
+    It is constant before the first point.
+
+    Args:
+        x: argument of the table.
+        points: pairs of an argument and a value.
     """
-    (first, found), *rest = points
+    (first, level), *further = points
     before = 0.0
-    value: Expr | float = found
-    for place, height in rest:
-        slope = (height - found) / (place - first)
+    value: Expr | float = level
+    for position, height in further:
+        slope = (height - level) / (position - first)
         value = value + (slope - before) * ufl.max_value(x - first, 0)
-        first = place
-        found = height
+        first = position
+        level = height
         before = slope
     return value
 
@@ -128,7 +136,12 @@ def _flowed(at: At, amount: Expr) -> dict[str, Expr]:
 
 
 def closed(at: At, flow: Callable[[Expr, Expr], Expr]) -> Stated:
-    """Flow in closed form: Δp = ``flow``(q_tr, 3 μ), which is 0 where nothing flows."""
+    """Flow in closed form: Δp of the trial stress.
+
+    Args:
+        at: symbols of the step.
+        flow: Δp as a function of q_tr and 3 μ, 0 where nothing flows.
+    """
     trial = _radial(at)
     amount = flow(trial.size, trial.stiff)
     share = ufl.conditional(ufl.gt(amount, 0), amount / trial.size, 0)
@@ -156,11 +169,11 @@ def hardening(at: At, strength: Callable[[Expr], Expr]) -> Stated:
     grown = held + ufl.conditional(
         ufl.gt(amount, 0), amount, 0
     )  # iterates below 0 find their way back
-    left = trial.size - trial.stiff * amount - strength(grown)
+    residual = trial.size - trial.stiff * amount - strength(grown)
     return Stated(
         stress,
         {"cumulated": grown},
-        [left],
+        [residual],
         over,
         {"amount": _first_amount(at, trial, over, strength)},
     )
@@ -194,7 +207,12 @@ def voce(at: At) -> Stated:
 
 
 def tabulated(at: At, points: Sequence[tuple[float, float]]) -> Stated:
-    """Hardening by a table of R over p, linear beyond its last point."""
+    """Hardening by a table of R over p, linear beyond its last point.
+
+    Args:
+        at: symbols of the step.
+        points: pairs of p and R.
+    """
     return hardening(at, lambda p: ramps(p, points))
 
 
@@ -206,6 +224,10 @@ def chaboche(at: At, backs: int) -> Stated:
     With n = 1 Armstrong and Frederick's law. Implicit Euler's α = (α_old + Δp n) / (1 + γ Δp)
     leaves one unknown, Δp: the direction n is that of s_tr - 2/3 Σ C_k α_k,old / (1 + γ_k Δp),
     Chaboche 1986, doi 10.1016/0749-6419(86)90010-0.
+
+    Args:
+        at: symbols of the step.
+        backs: number of back stresses, n.
     """
     c = at.constants
     trial = _radial(at)
@@ -219,10 +241,10 @@ def chaboche(at: At, backs: int) -> Stated:
         return c.yield_stress + c.saturation * (1 - ufl.exp(-c.rate * p))
 
     def relative(shares: Sequence[Expr | float]) -> Expr:
-        found = trial.deviator
+        effective = trial.deviator
         for share, modulus, back in zip(shares, stiff, old, strict=True):
-            found = found - 2 / 3 * share * modulus * back
-        return found
+            effective = effective - 2 / 3 * share * modulus * back
+        return effective
 
     size = equivalent(relative(fade))
     along = 1.5 / size * relative(fade)
@@ -232,9 +254,9 @@ def chaboche(at: At, backs: int) -> Stated:
     backs_after = [share * (back + amount * along) for share, back in zip(fade, old, strict=True)]
     memory = _flowed(at, amount) | dict(zip(names, backs_after, strict=True))
     over = equivalent(relative([1.0] * backs)) - strength(at.old.cumulated)
-    left = size - resistance * amount - strength(at.old.cumulated + amount)
+    residual = size - resistance * amount - strength(at.old.cumulated + amount)
     return Stated(
-        trial.mean + trial.deviator - 2 / 3 * trial.stiff * amount * along, memory, [left], over
+        trial.mean + trial.deviator - 2 / 3 * trial.stiff * amount * along, memory, [residual], over
     )
 
 
@@ -245,13 +267,13 @@ def creep(at: At, flow: Callable[[Expr], Expr], highest: Callable[[Expr], Expr])
     They start at the smaller of q_tr and ``highest``(q_tr / 3 μ), the q whose flow is that amount.
     """
     trial = _radial(at)
-    left = at.unknown.stress
-    stress = trial.mean + left / trial.size * trial.deviator
+    remaining = at.unknown.stress
+    stress = trial.mean + remaining / trial.size * trial.deviator
     start = ufl.min_value(trial.size, highest(trial.size / trial.stiff))
     return Stated(
         stress,
-        _flowed(at, flow(left)),
-        [left + trial.stiff * flow(left) - trial.size],
+        _flowed(at, flow(remaining)),
+        [remaining + trial.stiff * flow(remaining) - trial.size],
         trial.size,
         {"stress": start},
         {"stress": trial.size},
@@ -318,16 +340,16 @@ def plasticity_with_creep(at: At) -> Stated:
     """
     c = at.constants
     trial = _radial(at)
-    left = at.unknown.stress
-    crept = at.dt * (left / c.resistance) ** c.exponent
-    total = (trial.size - left) / trial.stiff
+    remaining = at.unknown.stress
+    crept = at.dt * (remaining / c.resistance) ** c.exponent
+    total = (trial.size - remaining) / trial.stiff
     plastic = ufl.max_value(total - crept, 0)
-    alone = left + trial.stiff * crept - trial.size
-    yielding = left - c.yield_stress - c.hardening * (at.old.yielded + total - crept)
+    alone = remaining + trial.stiff * crept - trial.size
+    yielding = remaining - c.yield_stress - c.hardening * (at.old.yielded + total - crept)
     memory = _flowed(at, crept + plastic) | {"yielded": at.old.yielded + plastic}
     highest = c.resistance * (trial.size / (trial.stiff * at.dt)) ** (1 / c.exponent)
     return Stated(
-        trial.mean + left / trial.size * trial.deviator,
+        trial.mean + remaining / trial.size * trial.deviator,
         memory,
         [ufl.max_value(alone, yielding)],
         trial.size,
@@ -370,10 +392,12 @@ def hill(at: At, frame: Sequence[Sequence[float]]) -> Stated:
     """Hill's orthotropic yield in a frame, q_H = σ0 + H p, associated.
 
     q_H^2 = F (σ22 - σ33)^2 + G (σ33 - σ11)^2 + H12 (σ11 - σ22)^2 + 2 L σ23^2 + 2 M σ13^2 + 2 N
-    σ12^2 = σ:P:σ, Hill
-    1948. The one unknown is ζ = Δp / q_H: s = (1 + 2 μ ζ P)^-1 s_tr, and (σ0 + H p) / q_H + H ζ =
-          1, which is linear in
-    ζ for von Mises' constants.
+    σ12^2 = σ:P:σ, Hill 1948. The one unknown is ζ = Δp / q_H: s = (1 + 2 μ ζ P)^-1 s_tr, and
+    (σ0 + H p) / q_H + H ζ = 1, which is linear in ζ for von Mises' constants.
+
+    Args:
+        at: symbols of the step.
+        frame: unit vectors of the material as rows.
     """
     c = at.constants
     ratio = at.unknown.ratio
@@ -395,11 +419,11 @@ def hill(at: At, frame: Sequence[Sequence[float]]) -> Stated:
         [first[i] for i in range(3)]
     )
     turned = [first[3 + k] / (1 + 2 * mu * ratio * shear) for k, shear in enumerate(shears)]
-    own = ufl.as_vector([*normal, *turned])
-    size = ufl.sqrt(ufl.dot(own, pulled(own)))
+    in_frame = ufl.as_vector([*normal, *turned])
+    size = ufl.sqrt(ufl.dot(in_frame, pulled(in_frame)))
     strength = c.yield_stress + c.hardening * at.old.cumulated
     over = ufl.sqrt(ufl.dot(first, pulled(first))) - strength
-    stress = ufl.transpose(turn) * own
+    stress = ufl.transpose(turn) * in_frame
     return Stated(
         trial.mean + stress,
         _flowed(at, ratio * size),
@@ -409,8 +433,16 @@ def hill(at: At, frame: Sequence[Sequence[float]]) -> Stated:
 
 
 def rotation(frame: Sequence[Sequence[float]], size: int) -> Expr:
-    """Matrix that turns tensors in Kelvin's notation into a frame, whose rows are its unit vectors
-    in the mesh.
+    """Matrix that turns tensors in Kelvin's notation into a frame.
+
+    The rows of the frame are its unit vectors in the mesh.
+
+    Args:
+        frame: unit vectors of the material as rows.
+        size: components of a tensor, 4 or 6.
+
+    Raises:
+        SceneError: for a frame that turns the axis across the plane.
     """
     pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)][:size]
     if size == 4 and max(abs(frame[2][0]), abs(frame[2][1])) > 1e-9:
@@ -418,18 +450,23 @@ def rotation(frame: Sequence[Sequence[float]], size: int) -> Expr:
             f"the frame {frame} turns the axis across the plane: its third vector must be (0, 0, 1)"
         )
 
-    def entry(one: tuple[int, int], other: tuple[int, int]) -> float:
-        i, j = one
-        k, l = other
-        found = frame[i][k] * frame[j][l] + frame[i][l] * frame[j][k]
-        return found * (1 if i != j else 2**-0.5) * (1 if k != l else 2**-0.5)
+    def entry(row: tuple[int, int], column: tuple[int, int]) -> float:
+        i, j = row
+        k, l = column
+        product = frame[i][k] * frame[j][l] + frame[i][l] * frame[j][k]
+        return product * (1 if i != j else 2**-0.5) * (1 if k != l else 2**-0.5)
 
-    return ufl.as_matrix([[entry(one, other) for other in pairs] for one in pairs])
+    return ufl.as_matrix([[entry(row, column) for column in pairs] for row in pairs])
 
 
 def orthotropic(at: At, frame: Sequence[Sequence[float]]) -> Stated:
-    """Orthotropic elasticity in a frame, by moduli E_i, G_ij and ratios ν_ij, contractions along j
-    by a pull in i.
+    """Orthotropic elasticity in a frame, by moduli E_i, G_ij and ratios ν_ij.
+
+    ν_ij is the contraction along j by a pull in i.
+
+    Args:
+        at: symbols of the step.
+        frame: unit vectors of the material as rows.
     """
     c = at.constants
     down = [
@@ -470,20 +507,20 @@ def lemaitre(at: At) -> Stated:
     size = trial.size - trial.stiff * amount
     damage = at.old.damage + pace(size) * amount
     hardened = at.old.hardened + (1 - damage) * amount
-    left = size - c.yield_stress - c.hardening * hardened
+    residual = size - c.yield_stress - c.hardening * hardened
     over = trial.size - c.yield_stress - c.hardening * at.old.hardened
     plastic = at.old.plastic + 1.5 * amount / trial.size * trial.deviator
     memory = _flowed(at, amount) | {"plastic": plastic, "damage": damage, "hardened": hardened}
-    whole = trial.mean + (1 - trial.stiff * amount / trial.size) * trial.deviator
+    effective = trial.mean + (1 - trial.stiff * amount / trial.size) * trial.deviator
     # besides, roots of the equation that are none of the law: flow backwards or beyond the trial
     # stress, D over 1
     rising = (1 - damage) ** 2 * c.hardening - size * pace(size)
     for least in (size, amount * c.young, (1 - damage) * c.young):
         rising = ufl.min_value(rising, least)
     return Stated(
-        (1 - damage) * whole,
+        (1 - damage) * effective,
         memory,
-        [left],
+        [residual],
         over,
         limit=rising,
         reason="its stress falls as strain grows",
@@ -491,35 +528,45 @@ def lemaitre(at: At) -> Stated:
 
 
 def heated(at: At, law: Callable[[At], Stated], names: Sequence[str], kept: str) -> Stated:
-    """Another law of the strain without α (T - T0) 1, whose last value is kept, as ε - C^-1 σ
-    contains it.
+    """Another law of the strain without α (T - T0) 1, whose last value is kept.
 
-    ``names`` are those of the constants α, T and T0, ``kept`` that of the memory.
+    ε - C^-1 σ contains it.
+
+    Args:
+        at: symbols of the step.
+        law: the other law, as a function of its symbols.
+        names: names of the constants α, T and T0.
+        kept: name of its memory.
     """
     expansion, temperature, reference = (getattr(at.constants, name) for name in names)
     grown = expansion * (temperature - reference)
     old = SimpleNamespace(**vars(at.old))
     old.inelastic = at.old.inelastic - getattr(at.old, kept) * unit(at.strain)
-    found = law(at._replace(strain=at.strain - grown * unit(at.strain), old=old))
-    return found._replace(memory={**found.memory, kept: grown})
+    stated = law(at._replace(strain=at.strain - grown * unit(at.strain), old=old))
+    return stated._replace(memory={**stated.memory, kept: grown})
 
 
 def changing_stiffness(
     at: At, law: Callable[[At], Stated], names: Sequence[str], kept: str
 ) -> Stated:
-    """Another law with a Young's modulus of its own, whose strain without stress, ε - C^-1 σ by its
-    C, is kept.
+    """Another law with a Young's modulus of its own, whose strain without stress is kept.
 
-    ``names`` is that of the modulus, ``kept`` that of the memory.
+    That is ε - C^-1 σ by its C.
+
+    Args:
+        at: symbols of the step.
+        law: the other law, as a function of its symbols.
+        names: name of the modulus, alone.
+        kept: name of its memory.
     """
     constants = SimpleNamespace(**{**vars(at.constants), "young": getattr(at.constants, names[0])})
     old = SimpleNamespace(**{**vars(at.old), "inelastic": getattr(at.old, kept)})
-    found = law(at._replace(constants=constants, old=old))
+    stated = law(at._replace(constants=constants, old=old))
     poisson = constants.poisson
     strained = (
-        (1 + poisson) * found.stress - poisson * trace(found.stress) * unit(at.strain)
+        (1 + poisson) * stated.stress - poisson * trace(stated.stress) * unit(at.strain)
     ) / constants.young
-    return found._replace(memory={**found.memory, kept: at.strain - strained})
+    return stated._replace(memory={**stated.memory, kept: at.strain - strained})
 
 
 def _either(holds: Expr, one: Expr, other: Expr) -> Expr:
@@ -537,40 +584,42 @@ def thin(at: At, law: Callable[[At], Stated]) -> Stated:
     """
     across = at.unknown.across
     old = SimpleNamespace(**vars(at.old))
-    inside = at.old.inelastic
-    old.inelastic = ufl.as_vector([inside[0], inside[1], at.old.across, inside[3]])
+    inelastic = at.old.inelastic
+    old.inelastic = ufl.as_vector([inelastic[0], inelastic[1], at.old.across, inelastic[3]])
     poisson = at.constants.poisson
     elastic = at.old.across - poisson / (1 - poisson) * (
-        at.strain[0] + at.strain[1] - inside[0] - inside[1]
+        at.strain[0] + at.strain[1] - inelastic[0] - inelastic[1]
     )
     strains = [
         ufl.as_vector([at.strain[0], at.strain[1], third, at.strain[3]])
         for third in (across, elastic)
     ]
-    found, first = (law(at._replace(strain=strain, old=old)) for strain in strains)
+    flowing, first = (law(at._replace(strain=strain, old=old)) for strain in strains)
     stress, memory, residual, limit = (
-        found.stress,
-        dict(found.memory),
-        list(found.residual),
-        found.limit,
+        flowing.stress,
+        dict(flowing.memory),
+        list(flowing.residual),
+        flowing.limit,
     )
-    if found.trial is not None:
-        flows = ufl.gt(found.trial, 0)
+    if flowing.trial is not None:
+        flows = ufl.gt(flowing.trial, 0)
         unknown = {name: value for name, value in vars(at.unknown).items() if name != "across"}
-        idle = {name: ufl.as_ufl(found.rest.get(name, 0)) for name in unknown}
-        rest = law(at._replace(strain=strains[0], old=old, unknown=SimpleNamespace(**idle)))
-        stress = _either(flows, stress, rest.stress)
-        memory = {name: _either(flows, value, rest.memory[name]) for name, value in memory.items()}
+        idle = {name: ufl.as_ufl(flowing.rest.get(name, 0)) for name in unknown}
+        resting = law(at._replace(strain=strains[0], old=old, unknown=SimpleNamespace(**idle)))
+        stress = _either(flows, stress, resting.stress)
+        memory = {
+            name: _either(flows, value, resting.memory[name]) for name, value in memory.items()
+        }
         # no other equation: the value at rest may be a root, whose slope at 0 is no number
         residual = [
-            _either(flows, left, value)
-            for left, value in zip(residual, unknown.values(), strict=True)
+            _either(flows, equation, value)
+            for equation, value in zip(residual, unknown.values(), strict=True)
         ]
         limit = None if limit is None else ufl.conditional(flows, limit, 1)
-    kept = across + poisson / at.constants.young * (stress[0] + stress[1])
-    return found._replace(
+    remembered = across + poisson / at.constants.young * (stress[0] + stress[1])
+    return flowing._replace(
         stress=ufl.as_vector([stress[0], stress[1], 0, stress[3]]),
-        memory=memory | {"across": kept},
+        memory=memory | {"across": remembered},
         residual=[*residual, stress[2] / at.constants.young],
         trial=None,
         start={**first.start, "across": elastic},
@@ -579,56 +628,22 @@ def thin(at: At, law: Callable[[At], Stated]) -> Stated:
     )
 
 
-def hyperelastic(at: At, energy: Callable[[Expr], Expr]) -> Stated:
-    """First Piola-Kirchhoff stress of an energy of F, per volume before deformation."""
-    gradient = ufl.variable(at.strain)
-    return Stated(ufl.diff(energy(gradient), gradient))
-
-
-def neo_hooke(at: At) -> Stated:
-    """μ/2 (J^(-2/3) tr(F^T F) - 3) + K/2 (J - 1)^2."""
-    lam, mu = lame(at.constants)
-
-    def energy(gradient: Expr) -> Expr:
-        volume = ufl.det(gradient)
-        return (
-            mu / 2 * (volume ** (-2 / 3) * ufl.inner(gradient, gradient) - 3)
-            + (lam + 2 * mu / 3) / 2 * (volume - 1) ** 2
-        )
-
-    return hyperelastic(at, energy)
-
-
-def mooney_rivlin(at: At) -> Stated:
-    """C1 (I1 - 3) + C2 (I2 - 3) of the strain without change of volume, and K/2 (J - 1)^2.
-
-    2 (C1 + C2) = μ at rest.
-    """
-    c = at.constants
-    lam, mu = lame(c)
-
-    def energy(gradient: Expr) -> Expr:
-        volume = ufl.det(gradient)
-        right = volume ** (-2 / 3) * ufl.transpose(gradient) * gradient
-        first = ufl.tr(right)
-        second = (first**2 - ufl.inner(right, right)) / 2
-        share = c.share
-        pair = (1 - share) * (first - 3) + share * (second - 3)
-        return mu / 2 * pair + (lam + 2 * mu / 3) / 2 * (volume - 1) ** 2
-
-    return hyperelastic(at, energy)
-
-
 def standard(
     at: At,
     energy: Callable[[Expr, Mapping[str, Expr]], Expr],
     yields: Callable[[Mapping[str, Expr], Mapping[str, Expr]], Expr],
     flow: Callable[[Mapping[str, Expr], Mapping[str, Expr]], Mapping[str, Expr]] | None = None,
 ) -> Stated:
-    """A generalised standard material: free energy ψ(ε, α), and f(A) <= 0 of A = -∂ψ/∂α.
+    """Generalised standard material: free energy ψ(ε, α), and f(A) <= 0 of A = -∂ψ/∂α.
 
-    The unknowns are α after the step, with ``cumulated`` as the multiplier: Δα = Δp ∂f/∂A, or Δp
-    times what ``flow``(A, α) gives for some names. Halphen and Nguyen 1975.
+    The unknowns are α after the step, with ``cumulated`` as the multiplier: Δα = Δp ∂f/∂A, or as
+    ``flow`` states for some names. Halphen and Nguyen 1975.
+
+    Args:
+        at: symbols of the step.
+        energy: free energy ψ(ε, α).
+        yields: yield function f(A, α).
+        flow: Δα / Δp by name as a function of A and α; None for ∂f/∂A.
     """
     names = list(vars(at.unknown))
     alpha = {name: ufl.variable(getattr(at.unknown, name)) for name in names}
@@ -643,17 +658,17 @@ def standard(
     surface = yields(forces, alpha)
     ways = {} if flow is None else flow(forces, alpha)
     amount = alpha["cumulated"] - at.old.cumulated
-    left = []
+    residuals = []
     for name in names:
         way = ways[name] if name in ways else ufl.diff(surface, forces[name])
         gradient = alpha[name] - getattr(at.old, name) - amount * way
-        left.append(surface if name == "cumulated" else gradient)
+        residuals.append(surface if name == "cumulated" else gradient)
     before = {name: getattr(at.old, name) for name in names}
     memory = {name: value for name, value in alpha.items() if name != "inelastic"}
     return Stated(
         ufl.diff(energy(strain, alpha), strain),
         memory,
-        left,
+        residuals,
         yields(acting(old), old),
         before,
         before,

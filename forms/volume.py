@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import ufl
@@ -14,7 +13,14 @@ from hhr_dolfinx.forms.elasticity import in_plane, volume_weight
 
 
 def body_force(v: Expr, direction: Sequence[float], hypothesis: str, dx: ufl.Measure) -> ufl.Form:
-    """Volume load ∫ f·v w dx for the constant force f per volume."""
+    """Volume load ∫ f·v w dx for the constant force f per volume.
+
+    Args:
+        v: test function.
+        direction: force f per volume, (dim,).
+        hypothesis: see :mod:`hhr_dolfinx.forms.elasticity`.
+        dx: volume measure.
+    """
     return volume_weight(dx.ufl_domain(), hypothesis) * ufl.inner(ufl.as_vector(direction), v) * dx
 
 
@@ -40,9 +46,14 @@ def centrifugal(
 
 
 def eigenstrain(
-    strain: Sequence[Sequence[float]], field: Callable[[Any], Any] | None, mesh: ufl.Mesh
+    strain: Sequence[Sequence[float]], field: Callable[[Expr], Expr | float] | None, mesh: ufl.Mesh
 ) -> Expr:
     """A constant 3x3 strain times a function of the coordinates, None for 1.
+
+    Args:
+        strain: 3x3 strain.
+        field: function of the UFL coordinates; None for 1.
+        mesh: mesh of the coordinates.
 
     Raises:
         SceneError: if the function does not return a scalar.
@@ -69,7 +80,12 @@ def with_mean(strain: Expr, trace: Expr) -> Expr:
 
 
 def without_third_stress(strain: Expr, poisson: Expr | float) -> Expr:
-    """A strain whose third normal component gives σ_zz = 0 in plane stress."""
+    """A strain whose third normal component gives σ_zz = 0 in plane stress.
+
+    Args:
+        strain: 3x3 strain.
+        poisson: Poisson's ratio ν.
+    """
     plane = in_plane(strain, "plane_stress")
     third = -poisson / (1 - poisson) * ufl.tr(plane)
     return plane + third * ufl.as_tensor([[0, 0, 0], [0, 0, 0], [0, 0, 1]])

@@ -45,7 +45,16 @@ class RangeSlopes:
         way: np.ndarray,
         seconds: float,
     ) -> ContactChange:
-        """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`."""
+        """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`.
+
+        Args:
+            linear: linearisation of the step.
+            answer: answer at the end of the step.
+            slack: slack of all rows at its end, (m,).
+            right: derivatives of residual and gaps at a given unknown, (n, K) and (m, K).
+            way: directions of the parameter, (P, K).
+            seconds: duration of the step.
+        """
         with linear.held():
             laws, forces = self._laws, answer.multipliers
             loose = linear.motions
@@ -57,18 +66,18 @@ class RangeSlopes:
             residual, gaps = right
             free = columnwise(linear.solve, residual)
             of_slack = linear.slack_of(gaps, free) + self._changes
-            parts = ranges.linearised(slack, steps, forces, ranges.stiffness, 1)
+            linearisations = ranges.linearised(slack, steps, forces, ranges.stiffness, 1)
             off = np.zeros((forces.size + ranges.motions.shape[1], of_slack.shape[1]))
             kinks = np.zeros(forces.size, dtype=bool)
-            for rows, step, part in zip(laws.rows, steps, parts, strict=True):
+            for rows, step, linearised in zip(laws.rows, steps, linearisations, strict=True):
                 at = forces[rows], slack[rows], ranges.stiffness[rows]
-                off[rows] = -part.of_slack(of_slack[rows])
+                off[rows] = -linearised.of_slack(of_slack[rows])
                 if np.ndim(slopes := step.slopes(*at)):
                     off[rows] -= slopes @ way
                 kinks[rows] = step.grazing(*at, CHANGING_STATUS * np.abs(at[0]).max(initial=0.0))
             if loose is not None:
                 off[forces.size :] = loose.modes.T @ residual
-            pushed, moved = np.split(ranges.solved(parts, off), [forces.size])
+            pushed, moved = np.split(ranges.solved(linearisations, off), [forces.size])
             opened = of_slack + ranges.schur @ pushed - ranges.motions @ moved
             changes = self._changes.copy()
             for rows, step in zip(laws.rows, steps, strict=True):

@@ -9,17 +9,21 @@ the error of the halves.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, NotSolvableError, TimeStepWarning
 from hhr_dolfinx.models.answer import Answer, History, Path, outcome
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings, walked
 from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.warn import warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import AnsweringModel
 
 PROPORTIONAL = 4
 """Increments from rest to a single parameter before any is cut: one and two may agree by chance."""
@@ -33,6 +37,11 @@ MOST_INCREMENTS = 2048
 """Increments to a single parameter above which no more are taken."""
 CUTS = 12
 """Largest number of times that a step is halved to meet a tolerance."""
+PATH_GRADIENT_NOTE = (
+    "derivative of the path in its increments, at their statuses: check that more increments do "
+    "not change it"
+)
+"""Note of derivatives of a path in its increments."""
 
 
 class HistoryState(Protocol):
@@ -79,19 +88,42 @@ class Increments(Protocol[P, S]):
     """
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> P:
-        """Place of undeformed bodies."""
+        """Place of undeformed bodies.
+
+        Args:
+            time: time in seconds.
+            point: parameter, (P,).
+            weights: derivative of each parameter along that of the whole history, (P,).
+        """
 
     def going_on(self, answer: Answer, weights: np.ndarray) -> P:
-        """Place after a step that the full model solved before."""
+        """Place after a step that the full model solved before.
+
+        Args:
+            answer: answer at the end of the last step.
+            weights: derivative of each parameter along that of the whole history, (P,).
+        """
 
     def increment(self, before: P, target: IncrementEnd) -> S:
-        """Solve one increment; it may not converge."""
+        """Solve one increment; it may not converge.
+
+        Args:
+            before: state at the start of the increment.
+            target: end of the increment.
+        """
 
     def compare(self, solved: S) -> None:
         """Take in the size of an increment, by which differences are measured."""
 
     def difference(self, before: P, half: S, second: S, whole: S) -> float:
-        """Relative difference of a step in two halves to the whole one."""
+        """Relative difference of a step in two halves to the whole one.
+
+        Args:
+            before: state at the start of the step.
+            half: first half of the step.
+            second: second half of the step.
+            whole: the step as one increment.
+        """
 
     def check(self, place: P) -> None:
         """Check the place at the end of a step, and warn."""
@@ -101,6 +133,31 @@ class Increments(Protocol[P, S]):
 
     def advice(self, solved: S) -> Mapping[Status, str]:
         """Remedy for its status, for messages."""
+
+
+class SolvedForces(Protocol):
+    """Solution of the contact problem of an increment (M rows, r rigid motions)."""
+
+    @property
+    def forces(self) -> np.ndarray:
+        """Forces of all rows, (M,)."""
+
+    @property
+    def motions(self) -> np.ndarray:
+        """Amplitudes of rigid motions, (r,)."""
+
+
+def unknown_of(contact: CondensedContact, solution: SolvedForces) -> np.ndarray:
+    """Primal unknown under the forces of an increment, (n,).
+
+    Args:
+        contact: condensed contact problem of the increment.
+        solution: its forces, and the motions of bodies that contact alone holds.
+    """
+    unknown = contact.unknown(solution.forces)
+    if contact.kernel is None:
+        return unknown
+    return unknown + contact.kernel.modes @ solution.motions
 
 
 class _CutStep:
@@ -131,7 +188,11 @@ class _CutStep:
     ) -> SolvedIncrement:
         """Solve the step and return its last increment.
 
-        ``whole`` is the step as one increment if it is known.
+        Args:
+            before: state at the start of the step.
+            target: end of the step.
+            depth: number of halvings so far.
+            whole: the step as one increment; None if it is not solved yet.
         """
         if whole is None:
             whole = self._solved(before, target)
@@ -174,7 +235,7 @@ class _CutStep:
 
 @one_thread
 def follow(
-    model: Any,
+    model: AnsweringModel,
     path: Path,
     settings: MarchSettings,
     *,
@@ -193,6 +254,9 @@ def follow(
         weights: derivatives of the parameters at each time of the path along those of the whole
             history, (times, P). 1 by default: each parameter is shifted by the same at all times.
         watch: called with the answer of each increment, also of the parts of a step.
+
+    Raises:
+        NotOfferedError: for time errors without a tolerance.
     """
     check_settings(settings)
     if settings.time_error and settings.time_tolerance is None:
@@ -234,14 +298,25 @@ class _ByIncrements:
         self.warned = False
 
     def known(self, number: int, answer: Answer) -> Answer:
-        """Go on from its end."""
+        """Continue from the end of a step that the full model solved before.
+
+        Args:
+            number: number of the step in the path, from 1 on.
+            answer: answer at the end of the last step.
+        """
         self.reached = self.increments.going_on(answer, self.weights[number])
         self.increments.check(self.reached)
         self.error = answer.time_error
         return answer
 
     def solved(self, number: int, time: float, point: np.ndarray) -> Answer:
-        """Answer at the end of a step, of which ``watch`` has seen the parts."""
+        """Answer at the end of a step, of which ``watch`` has seen the parts.
+
+        Args:
+            number: number of the step in the path, from 1 on.
+            time: time in seconds.
+            point: parameter, (P,).
+        """
         self.model.check_range(point, self.settings.outside)
         step = _CutStep(
             self.increments, self.settings.cuts, self.settings.time_tolerance, self.watch
@@ -259,7 +334,7 @@ class _ByIncrements:
         return answer
 
 
-def _checked_answer(model: Any, step: _CutStep, solved: SolvedIncrement) -> Answer:
+def _checked_answer(model: AnsweringModel, step: _CutStep, solved: SolvedIncrement) -> Answer:
     """Answer at the end of a step; raises an error without one."""
     answer = step.increments.answer(solved)
     answer = answer._replace(iterations=step.iterations, cycled=step.cycled, ends=tuple(step.ends))
@@ -271,7 +346,7 @@ def _checked_answer(model: Any, step: _CutStep, solved: SolvedIncrement) -> Answ
 
 
 def proportional(
-    model: Any,
+    model: AnsweringModel,
     point: np.ndarray,
     raise_on_failure: bool,
     outside: str,
@@ -279,13 +354,20 @@ def proportional(
     *,
     converged: bool = False,
 ) -> Answer:
-    """Answer to a checked point, (P,), loaded in proportion from rest, where the box is nearest to
-    zero.
+    """Answer to a checked point, loaded in proportion from rest, where the box is nearest to zero.
 
-    What the law fixes is that of the point throughout. Increments are cut until forces have
-    converged to :data:`INCREMENT_TOLERANCE`; ``time_error`` has the remaining error. With
-    ``converged`` they are doubled until forces and the derivatives of their limit change
-    little. The notes of answer and gradient have what was reached.
+    The parameters that the law fixes are those of the point throughout. Increments are cut until
+    forces have converged to :data:`INCREMENT_TOLERANCE`; ``time_error`` has the remaining error.
+    The notes of answer and gradient have what was reached.
+
+    Args:
+        model: model of elastic bodies with a law of contacts.
+        point: parameter, (P,).
+        raise_on_failure: raise instead of returning NaN and a status.
+        outside: policy outside the training range.
+        gradient: compute the derivatives along the parameters.
+        converged: double the increments until forces and the derivatives of their limit change
+            little.
 
     Warns:
         TimeStepWarning: if the most increments are too few for ``converged``.
@@ -304,7 +386,7 @@ def proportional(
 class _Proportional:
     """Load in proportion from rest to a point, (P,)."""
 
-    def __init__(self, model: Any, point: np.ndarray):
+    def __init__(self, model: AnsweringModel, point: np.ndarray):
         space = model.parameters
         self._model = model
         self._point = point
@@ -358,7 +440,9 @@ class _Proportional:
             if last is not None:
                 change = _changed(answer.multipliers, last.multipliers)
                 slopes = [
-                    one.gradient.multipliers * self._sides for one in (answer, last) if one.gradient
+                    refined.gradient.multipliers * self._sides
+                    for refined in (answer, last)
+                    if refined.gradient
                 ]
                 slope = _changed(*slopes) if slopes else 0.0
                 settled = (
@@ -389,7 +473,7 @@ class _Proportional:
         gradient = answer.gradient
         if gradient is not None:
             gradient = gradient._replace(note=f"{note}; derivatives are those of {kind}")
-        cycled = any(one.cycled for one in history.answers)
+        cycled = any(step.cycled for step in history.answers)
         return answer._replace(
             iterations=sum(history.iterations),
             cycled=cycled,
@@ -407,9 +491,17 @@ def _changed(values: np.ndarray, last: np.ndarray) -> float:
 
 @one_thread
 def single(
-    model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool
+    model: AnsweringModel, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool
 ) -> Answer:
-    """Answer to a checked point, (P,), of laws without memory: one increment."""
+    """Answer to a checked point of laws without memory: one increment.
+
+    Args:
+        model: model of elastic bodies with a law of contacts.
+        point: parameter, (P,).
+        raise_on_failure: raise instead of returning NaN and a status.
+        outside: policy outside the training range.
+        gradient: compute the derivatives along the parameters.
+    """
     model.check_range(point, outside)
     increments: Increments = model.increments(MarchSettings(outside="ignore", gradient=gradient))
     weights = np.ones(point.size)

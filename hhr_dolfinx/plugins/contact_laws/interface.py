@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -18,6 +18,13 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.plain import Rebuilt
 from hhr_dolfinx.plugins.contact_laws.ranges import RangeSolver, RangeStep, UnilateralStep
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+    from hhr_dolfinx.contact.law import PairLaw
+    from hhr_dolfinx.parameters import ParameterSpace
+    from hhr_dolfinx.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +40,22 @@ class Range(Rebuilt):
         """Facet ``range`` of the law; NotOfferedError without one."""
         if not self.law.plugin:
             return _UnilateralSolver(self.rows.size)
-        what = f"{self.law.name} next to laws of other plug-ins, without memory, or hyper-reduced,"
-        made: RangeSolver = registry.facet(self.law.plugin, "range", what)(self.law)
-        return made
+        capability = (
+            f"{self.law.name} next to laws of other plug-ins, without memory, or hyper-reduced,"
+        )
+        solver: RangeSolver = registry.facet(self.law.plugin, "range", capability)(self.law)
+        return solver
 
 
 class _UnilateralSolver(RangeSolver):
-    def step(self, before: Mapping[str, Any], point: np.ndarray, seconds: float) -> RangeStep:
+    def step(self, before: Memory, point: np.ndarray, seconds: float) -> RangeStep:
+        """Unilateral increment, see :class:`RangeSolver`.
+
+        Args:
+            before: memory at the start, which is not read.
+            point: parameter, (P,).
+            seconds: duration of the increment.
+        """
         return UnilateralStep(self.law)
 
 
@@ -54,100 +70,128 @@ class Interface(ContactLaw, Rebuilt):
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Conditions without a law, or with two."""
-        rows = np.sort(np.concatenate([part.rows for part in self.ranges]))
+        rows = np.sort(np.concatenate([law_range.rows for law_range in self.ranges]))
         if not np.array_equal(rows, np.arange(sizes.get("N_lambda", sizes.get("m", rows.size)))):
             yield "ranges of laws must have each condition once"
 
     @property
     def name(self) -> str:  # type: ignore[override]
         """Names of the laws."""
-        return " and ".join(part.law.name for part in self.ranges if part.law.plugin)
+        return " and ".join(law_range.law.name for law_range in self.ranges if law_range.law.plugin)
 
     @property
     def path_dependent(self) -> bool:
         """True if one of the laws remembers; otherwise one increment is the answer to a point."""
-        return any(part.law.remembers for part in self.ranges)
+        return any(law_range.law.remembers for law_range in self.ranges)
 
     @property
     def reshapes(self) -> bool:  # type: ignore[override]
         """True if all laws hold on shapes that depend on parameters."""
-        return all(part.law.reshapes for part in self.ranges if part.law.plugin)
+        return all(law_range.law.reshapes for law_range in self.ranges if law_range.law.plugin)
 
     @property
     def fixed(self) -> np.ndarray:  # type: ignore[override]
         """Parameters that one of the laws keeps constant while loads grow."""
-        return np.unique(np.concatenate([part.law.fixed for part in self.ranges])).astype(np.int64)
+        return np.unique(np.concatenate([law_range.law.fixed for law_range in self.ranges])).astype(
+            np.int64
+        )
 
     @property
     def plugins(self) -> tuple[str, ...]:
         """See :class:`ContactLaw`."""
-        return tuple(plugin for part in self.ranges for plugin in part.law.plugins)
+        return tuple(plugin for law_range in self.ranges for plugin in law_range.law.plugins)
 
     def of(self, plugin: str) -> ContactLaw | None:
         """See :class:`ContactLaw`."""
         return next(
-            (part.law.among(part.rows) for part in self.ranges if part.law.plugin == plugin), None
+            (
+                law_range.law.among(law_range.rows)
+                for law_range in self.ranges
+                if law_range.law.plugin == plugin
+            ),
+            None,
         )
 
     def pressing(self, count: int) -> np.ndarray:
         """See :class:`ContactLaw`."""
-        return self._joined(count, [part.law.pressing(part.rows.size) for part in self.ranges])
+        return self._joined(
+            count, [law_range.law.pressing(law_range.rows.size) for law_range in self.ranges]
+        )
 
     def distinct(self, count: int) -> np.ndarray:
         """See :class:`ContactLaw`."""
-        return self._joined(count, [part.law.distinct(part.rows.size) for part in self.ranges])
+        return self._joined(
+            count, [law_range.law.distinct(law_range.rows.size) for law_range in self.ranges]
+        )
 
     def opened(self, memory: Memory) -> np.ndarray:
         """See :class:`ContactLaw`."""
-        count = sum(part.rows.size for part in self.ranges)
-        return self._joined(count, [part.law.opened(memory) for part in self.ranges])
+        count = sum(law_range.rows.size for law_range in self.ranges)
+        return self._joined(count, [law_range.law.opened(memory) for law_range in self.ranges])
 
-    def _joined(self, count: int, values: Sequence[Any]) -> np.ndarray:
+    def _joined(self, count: int, values: Sequence[np.ndarray | float]) -> np.ndarray:
         """Values of the ranges in the order of all conditions."""
-        found = np.zeros(count, dtype=np.result_type(*values))
-        for part, own in zip(self.ranges, values, strict=True):
-            found[part.rows] = own
-        return found
+        array = np.zeros(count, dtype=np.result_type(*values))
+        for law_range, value in zip(self.ranges, values, strict=True):
+            array[law_range.rows] = value
+        return array
 
     def within(self, conditions: np.ndarray) -> Interface:
         """See :class:`ContactLaw`."""
-        place = np.full(max(int(part.rows.max(initial=0)) for part in self.ranges) + 1, -1)
-        place[conditions] = np.arange(conditions.size)
-        found = []
-        for part in self.ranges:
-            kept = np.flatnonzero(place[part.rows] >= 0)
-            if kept.size:
-                found.append(Range(part.law.within(kept), place[part.rows[kept]]))
-        return Interface(tuple(found))
+        index = np.full(
+            max(int(law_range.rows.max(initial=0)) for law_range in self.ranges) + 1, -1
+        )
+        index[conditions] = np.arange(conditions.size)
+        ranges = []
+        for law_range in self.ranges:
+            local = np.flatnonzero(index[law_range.rows] >= 0)
+            if local.size:
+                ranges.append(Range(law_range.law.within(local), index[law_range.rows[local]]))
+        return Interface(tuple(ranges))
 
-    def kept_with(self, inside: np.ndarray, contact: Any) -> np.ndarray:
-        """See :class:`ContactLaw`."""
-        kept = [part.law.kept_with(inside[part.rows], contact[part.rows]) for part in self.ranges]
-        return self._joined(inside.size, kept)
+    def kept_with(self, inside: np.ndarray, contact: csr_matrix) -> np.ndarray:
+        """See :class:`ContactLaw`.
+
+        Args:
+            inside: conditions in the RID, (m,) bool.
+            contact: rows of B, (m, N).
+        """
+        masks = [
+            law_range.law.kept_with(inside[law_range.rows], contact[law_range.rows])
+            for law_range in self.ranges
+        ]
+        return self._joined(inside.size, masks)
 
     def parts(self) -> list[Any]:
         """See :class:`ContactLaw`."""
         return [
-            item for part in self.ranges for item in (part.law.name, part.rows, *part.law.parts())
+            entry
+            for law_range in self.ranges
+            for entry in (law_range.law.name, law_range.rows, *law_range.law.parts())
         ]
 
     def faults_for(self, dimension: int) -> Iterator[str]:
         """See :class:`ContactLaw`."""
-        for part in self.ranges:
-            yield from part.law.faults_for(dimension)
+        for law_range in self.ranges:
+            yield from law_range.law.faults_for(dimension)
 
-    def check_path(self, space: Any, points: np.ndarray) -> None:
-        """See :class:`ContactLaw`."""
-        for part in self.ranges:
-            part.law.check_path(space, points)
+    def check_path(self, space: ParameterSpace, points: np.ndarray) -> None:
+        """See :class:`ContactLaw`.
+
+        Args:
+            space: box of the parameters.
+            points: parameters of the path, (steps, P).
+        """
+        for law_range in self.ranges:
+            law_range.law.check_path(space, points)
 
     @property
     def layout(self) -> dict[str, tuple[str, ...]]:
         """See :class:`ContactLaw`; sizes are those of a range, by its number."""
         return {
             name: (kind, *(f"{size} of range {number}" for size in sizes))
-            for number, part in enumerate(self.ranges)
-            for name, (kind, *sizes) in part.law.layout.items()
+            for number, law_range in enumerate(self.ranges)
+            for name, (kind, *sizes) in law_range.law.layout.items()
         }
 
     @property
@@ -155,27 +199,34 @@ class Interface(ContactLaw, Rebuilt):
         """See :class:`ContactLaw`."""
         return {
             f"{size} of range {number}": value
-            for number, part in enumerate(self.ranges)
-            for size, value in {"N_lambda": part.rows.size, **part.law.sizes}.items()
+            for number, law_range in enumerate(self.ranges)
+            for size, value in {"N_lambda": law_range.rows.size, **law_range.law.sizes}.items()
         }
 
     def stored(self, memory: Memory) -> dict[str, Any]:
         """See :class:`ContactLaw`."""
         return {
-            name: array for part in self.ranges for name, array in part.law.stored(memory).items()
+            name: array
+            for law_range in self.ranges
+            for name, array in law_range.law.stored(memory).items()
         }
 
     def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
         """See :class:`ContactLaw`."""
-        found = NO_MEMORY
-        for part in self.ranges:
-            own = {name: arrays[name] for name in part.law.layout}
-            found = found | part.law.restored(own)
-        return found
+        memory = NO_MEMORY
+        for law_range in self.ranges:
+            of_range = {name: arrays[name] for name in law_range.law.layout}
+            memory = memory | law_range.law.restored(of_range)
+        return memory
 
 
 def ranged(law: ContactLaw, count: int) -> Interface:
-    """A law of so many conditions as ranges."""
+    """A law of some conditions as laws on ranges.
+
+    Args:
+        law: law of the conditions.
+        count: number of conditions.
+    """
     return law if isinstance(law, Interface) else Interface((Range(law, np.arange(count)),))
 
 
@@ -184,16 +235,22 @@ Attached = tuple[ContactRows, np.ndarray, ContactLaw]
 
 
 def joint(
-    scene: Any,
-    laws: Sequence[Mapping[int, Any]],
+    scene: Scene,
+    laws: Sequence[Mapping[int, PairLaw]],
     found: Sequence[Attached],
     rows: ContactRows,
     pairs: np.ndarray,
 ) -> Attached:
-    """Join what laws by pair, one mapping for each plug-in, have attached to the conditions
-    ``rows`` of ``pairs``.
+    """Join the laws that plug-ins have attached to the conditions.
 
     A law with the facet ``steps`` that no other plug-in stands beside keeps its own solver.
+
+    Args:
+        scene: scene of the contacts.
+        laws: laws by pair, one mapping for each plug-in.
+        found: rows, pair of each and law on them, of each plug-in.
+        rows: conditions of the pressures.
+        pairs: contact pair of each of them, (n,).
 
     Raises:
         NotOfferedError: for a law without the facet ``range``.
@@ -210,51 +267,51 @@ def _solves_itself(law: ContactLaw) -> bool:
 
 
 def _together(
-    scene: Any,
-    laws: Sequence[Mapping[int, Any]],
+    scene: Scene,
+    laws: Sequence[Mapping[int, PairLaw]],
     found: Sequence[Attached],
     rows: ContactRows,
     pairs: np.ndarray,
 ) -> Attached:
     """All laws as ranges, with the unilateral one on the conditions that have none."""
-    every = [rows]
+    blocks = [rows]
     numbers = [pairs]
     ranges: list[Range] = []
     count = pairs.size
-    for own, (longer, of_pairs, law) in zip(laws, found, strict=True):
+    for by_pair, (longer, of_pairs, law) in zip(laws, found, strict=True):
         appended = np.arange(pairs.size, of_pairs.size)
-        conditions = np.concatenate([np.flatnonzero(np.isin(pairs, list(own))), appended])
-        every.append(longer.take(appended))
+        conditions = np.concatenate([np.flatnonzero(np.isin(pairs, list(by_pair))), appended])
+        blocks.append(longer.take(appended))
         numbers.append(of_pairs[appended])
         shifted = np.where(conditions < pairs.size, conditions, conditions - pairs.size + count)
         ranges.append(Range(law.within(conditions), shifted))
         count += appended.size
-    rest = np.flatnonzero(~np.isin(pairs, [place for own in laws for place in own]))
-    if rest.size:
-        ranges.append(Range(UNILATERAL, rest))
+    unilateral = np.flatnonzero(~np.isin(pairs, [pair for by_pair in laws for pair in by_pair]))
+    if unilateral.size:
+        ranges.append(Range(UNILATERAL, unilateral))
     interface = Interface(tuple(ranges))
     _check_memories(scene, interface)
-    return joined(every), np.concatenate(numbers), interface
+    return joined(blocks), np.concatenate(numbers), interface
 
 
-def _check_memories(scene: Any, law: Interface) -> None:
+def _check_memories(scene: Scene, law: Interface) -> None:
     owner: dict[str, str] = {}
-    for part in law.ranges:
-        solver = part.solver()
-        names = {*part.law.layout, *solver.at_rest()}
+    for law_range in law.ranges:
+        solver = law_range.solver()
+        names = {*law_range.law.layout, *solver.at_rest()}
         for name in names:
-            if owner.setdefault(name, part.law.plugin) != part.law.plugin:
+            if owner.setdefault(name, law_range.law.plugin) != law_range.law.plugin:
                 raise SceneError(
                     f"contacts of scene '{scene.name}' have {law.name}, of the plug-ins "
-                    f"'{owner[name]}' and '{part.law.plugin}', and both remember '{name}': one of "
-                    "them must name its memory in another way"
+                    f"'{owner[name]}' and '{law_range.law.plugin}', and both remember '{name}': "
+                    "one of them must name its memory in another way"
                 )
-        if not part.law.remembers:
+        if not law_range.law.remembers:
             try:
                 solver.step(NO_MEMORY, scene.parameters.middle, np.nan)
             except KeyError as error:
                 raise SceneError(
-                    f"{type(part.law).__name__} says that it does not remember, and its "
+                    f"{type(law_range.law).__name__} says that it does not remember, and its "
                     f"increments read {error} of its memory: models would leave that out. Leave "
                     "out remembers = False"
                 ) from None

@@ -14,7 +14,7 @@ from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.models.answer import Answer, InterfaceCompletion
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.gradient import CHANGING_STATUS, Gradient
-from hhr_dolfinx.plugins.contact_laws.increments import IncrementEnd
+from hhr_dolfinx.plugins.contact_laws.increments import PATH_GRADIENT_NOTE, IncrementEnd, unknown_of
 from hhr_dolfinx.plugins.contact_laws.interface import Interface
 from hhr_dolfinx.plugins.contact_laws.ranges import Ranges, RangeStep, Together
 
@@ -22,11 +22,6 @@ WEAK_RANGE = 1e-8
 """Part of the largest force of all ranges below which differences of one range are not measured by
 its own forces.
 """
-RANGE_GRADIENT_NOTE = (
-    "derivative of the path in its increments, at their statuses: check that more increments do "
-    "not change it"
-)
-"""Note of derivatives."""
 
 
 class RangeState(NamedTuple):
@@ -60,8 +55,8 @@ class SolversOfRanges:
 
     def __init__(self, law: Interface):
         self.law = law
-        self.solvers = [part.solver() for part in law.ranges]
-        self.rows = [part.rows for part in law.ranges]
+        self.solvers = [law_range.solver() for law_range in law.ranges]
+        self.rows = [law_range.rows for law_range in law.ranges]
         self.ranges: Ranges | None = None
 
     def at_rest(self) -> Memory:
@@ -69,25 +64,41 @@ class SolversOfRanges:
         return _joined([solver.at_rest() for solver in self.solvers])
 
     def on(self, schur: np.ndarray, motions: np.ndarray | None = None) -> Ranges:
-        """The laws on one S, (M, M)."""
+        """Solver of the laws on one S.
+
+        Args:
+            schur: S, (M, M).
+            motions: effect of rigid motions on the rows, (M, r); None without any.
+        """
         if self.ranges is None or self.ranges.given is not schur:
-            own = np.zeros(len(schur))
+            compliance = np.zeros(len(schur))
             for rows, solver in zip(self.rows, self.solvers, strict=True):
-                own[rows] = solver.compliance(np.abs(np.diag(schur))[rows])
-            self.ranges = Ranges(schur, self.rows, own, motions)
+                compliance[rows] = solver.compliance(np.abs(np.diag(schur))[rows])
+            self.ranges = Ranges(schur, self.rows, compliance, motions)
         return self.ranges
 
     def steps(self, before: Memory, point: np.ndarray, seconds: float) -> list[RangeStep]:
-        """Increments of all laws; a law without memory gets none."""
+        """Increments of all laws; a law without memory gets none.
+
+        Args:
+            before: memory at their start.
+            point: parameter at their end, (P,).
+            seconds: their duration.
+        """
         both = zip(self.solvers, self.law.ranges, strict=True)
-        given = [
-            (solver, (before, seconds) if part.law.remembers else (NO_MEMORY, np.nan))
-            for solver, part in both
+        starts = [
+            (solver, (before, seconds) if law_range.law.remembers else (NO_MEMORY, np.nan))
+            for solver, law_range in both
         ]
-        return [solver.step(memory, point, duration) for solver, (memory, duration) in given]
+        return [solver.step(memory, point, duration) for solver, (memory, duration) in starts]
 
     def after(self, steps: Sequence[RangeStep], found: Together) -> Memory:
-        """Memory at the end of an increment."""
+        """Memory at the end of an increment.
+
+        Args:
+            steps: increment of each law.
+            found: solution of the increment.
+        """
         both = zip(self.rows, steps, strict=True)
         return _joined(
             [
@@ -98,10 +109,10 @@ class SolversOfRanges:
 
 
 def _joined(memories: Sequence[Memory]) -> Memory:
-    found = NO_MEMORY
+    joined = NO_MEMORY
     for memory in memories:
-        found = found | memory
-    return found
+        joined = joined | memory
+    return joined
 
 
 class RangesIncrements:
@@ -113,11 +124,17 @@ class RangesIncrements:
         self.laws = SolversOfRanges(model.law)
         self.contact_at = model.contacts()
         self.largest = np.zeros(len(self.laws.rows))  # norm of the forces of each range so far
-        own = model.fields.interface
-        self.everywhere = self.laws if own is None else SolversOfRanges(own.whole)
+        completion = model.fields.interface
+        self.everywhere = self.laws if completion is None else SolversOfRanges(completion.whole)
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> RangeState:
-        """Undeformed bodies."""
+        """Undeformed bodies.
+
+        Args:
+            time: time in seconds.
+            point: parameter, (P,).
+            weights: derivative of each parameter along that of the whole history, (P,).
+        """
         slack = self.contact_at(point).free_slack
         nothing = (
             np.zeros(slack.size),
@@ -129,7 +146,12 @@ class RangesIncrements:
         return RangeState(time, point, weights, *nothing, self.everywhere.at_rest())
 
     def going_on(self, answer: Answer, weights: np.ndarray) -> RangeState:
-        """State after a step that the full model solved before."""
+        """State after a step that the full model solved before.
+
+        Args:
+            answer: answer at the end of the last step.
+            weights: derivative of each parameter along that of the whole history, (P,).
+        """
         forces = answer.multipliers
         point = answer.parameter
         self._grow(forces)
@@ -141,7 +163,12 @@ class RangesIncrements:
         return RangeState(answer.time, point, weights, *state, nothing, answer.memory)
 
     def increment(self, before: RangeState, target: IncrementEnd) -> SolvedRange:
-        """Solve one increment; it may not converge."""
+        """Solve one increment; it may not converge.
+
+        Args:
+            before: state at its start.
+            target: end of the increment.
+        """
         contact = self.contact_at(target.point)
         kernel = contact.kernel
         motions, driving = (
@@ -151,21 +178,34 @@ class RangesIncrements:
         )
         ranges = self.laws.on(contact.schur, motions)
         steps = self.laws.steps(before.memory, target.point, target.time - before.time)
-        found = ranges.solve(contact.free_slack, steps, before.forces, driving)
+        solution = ranges.solve(contact.free_slack, steps, before.forces, driving)
         gradient = None
         changes = before.changes
-        if self.gradient and found.status is Status.CONVERGED:
-            gradient, changes = self._gradient(ranges, before, target, found, steps, contact)
-        loaded = contact.schur @ found.forces
-        slack = contact.free_slack + loaded - ranges.motions @ found.motions
-        memory = whole = self.laws.after(steps, found)
-        if self.everywhere is not self.laws and found.status is Status.CONVERGED:
-            whole = self._completed(before, target, found, self._unknown(contact, found))
-        energy = max(before.energy, 0.5 * float(found.forces @ loaded))
-        state = found.forces, memory, np.where(found.active, 0.0, slack), energy, changes, whole
+        if self.gradient and solution.status is Status.CONVERGED:
+            gradient, changes = self._gradient(ranges, before, target, solution, steps, contact)
+        loaded = contact.schur @ solution.forces
+        slack = contact.free_slack + loaded - ranges.motions @ solution.motions
+        memory = of_surface = self.laws.after(steps, solution)
+        if self.everywhere is not self.laws and solution.status is Status.CONVERGED:
+            of_surface = self._completed(before, target, solution, unknown_of(contact, solution))
+        energy = max(before.energy, 0.5 * float(solution.forces @ loaded))
+        state = (
+            solution.forces,
+            memory,
+            np.where(solution.active, 0.0, slack),
+            energy,
+            changes,
+            of_surface,
+        )
         reached = RangeState(target.time, target.point, target.weights, *state)
         return SolvedRange(
-            found, contact, reached, gradient, found.status, found.iterations, found.projections > 0
+            solution,
+            contact,
+            reached,
+            gradient,
+            solution.status,
+            solution.iterations,
+            solution.projections > 0,
         )
 
     def _completed(
@@ -175,13 +215,13 @@ class RangesIncrements:
         displacement.
         """
         fields = self.model.fields
-        own: InterfaceCompletion = fields.interface
-        forces, active = own.completed(found.forces, found.active, target.point)
+        completion: InterfaceCompletion = fields.interface
+        forces, active = completion.completed(found.forces, found.active, target.point)
         slack = fields.gaps @ fields.amplitudes(target.point) - fields.contact_basis @ unknown
         steps = self.everywhere.steps(before.whole, target.point, target.time - before.time)
         for rows, step in zip(self.everywhere.rows, steps, strict=True):
             slack[rows] += step.shift
-        slack[own.within] = found.slack
+        slack[completion.within] = found.slack
         return self.everywhere.after(
             steps, found._replace(forces=forces, slack=slack, active=active)
         )
@@ -198,27 +238,27 @@ class RangesIncrements:
         """Derivatives at the statuses of the solution, by the implicit function: P x' + Q (s' + S
         x' - G a') = -r'.
         """
-        unknown = self._unknown(contact, found)
+        unknown = unknown_of(contact, found)
         of_slack, of_unknown = (
-            part * target.weights for part in contact.at_fixed_forces(found.forces, unknown)
+            change * target.weights for change in contact.at_fixed_forces(found.forces, unknown)
         )
         of_slack = of_slack + before.changes
-        parts = ranges.linearised(found.slack, steps, found.forces, ranges.stiffness, 1)
+        linearisations = ranges.linearised(found.slack, steps, found.forces, ranges.stiffness, 1)
         m = len(of_slack)
         right = np.zeros((m + found.motions.size, of_slack.shape[1]))
         kinks = np.zeros(m, dtype=bool)
-        own = [
+        states = [
             (rows, found.forces[rows], found.slack[rows], ranges.stiffness[rows])
             for rows in self.laws.rows
         ]
-        for (rows, *at), step, part in zip(own, steps, parts, strict=True):
-            right[rows] = -part.of_slack(of_slack[rows]) - step.slopes(*at) * target.weights
+        for (rows, *at), step, linearised in zip(states, steps, linearisations, strict=True):
+            right[rows] = -linearised.of_slack(of_slack[rows]) - step.slopes(*at) * target.weights
             kinks[rows] = step.grazing(
                 at[0], at[1], at[2], CHANGING_STATUS * np.abs(at[0]).max(initial=0.0)
             )
         if contact.kernel is not None:
             right[m:] = contact.kernel.drift(found.forces, unknown) * target.weights
-        forces, motions = np.split(ranges.solved(parts, right), [m])
+        forces, motions = np.split(ranges.solved(linearisations, right), [m])
         slack = of_slack + ranges.schur @ forces - ranges.motions @ motions
         changes = before.changes.copy()
         for rows, step in zip(self.laws.rows, steps, strict=True):
@@ -228,12 +268,7 @@ class RangesIncrements:
         of_unknown = of_unknown - contact.pushed(forces)
         if contact.kernel is not None:
             of_unknown = of_unknown + contact.kernel.modes @ motions
-        return Gradient(of_unknown, forces, kinks, slack, note=RANGE_GRADIENT_NOTE), changes
-
-    @staticmethod
-    def _unknown(contact: CondensedContact, found: Together) -> np.ndarray:
-        unknown = contact.unknown(found.forces)
-        return unknown if contact.kernel is None else unknown + contact.kernel.modes @ found.motions
+        return Gradient(of_unknown, forces, kinks, slack, note=PATH_GRADIENT_NOTE), changes
 
     def _grow(self, forces: np.ndarray) -> None:
         self.largest = np.maximum(
@@ -247,11 +282,18 @@ class RangesIncrements:
     def difference(
         self, before: RangeState, half: SolvedRange, second: SolvedRange, whole: SolvedRange
     ) -> float:
-        """Largest error of a range: of forces over its largest so far, or what its law measures."""
+        """Largest error of a range: of forces over its largest so far, or what its law measures.
+
+        Args:
+            before: state at the start of the step.
+            half: first half of the step.
+            second: second half of the step.
+            whole: the step as one increment.
+        """
         ends = before, half.reached, second.reached, whole.reached
         worst = 0.0
-        for rows, solver, own in zip(self.laws.rows, self.laws.solvers, self.largest, strict=True):
-            largest = max(float(own), WEAK_RANGE * float(self.largest.max())) or 1.0
+        for rows, solver, norm in zip(self.laws.rows, self.laws.solvers, self.largest, strict=True):
+            largest = max(float(norm), WEAK_RANGE * float(self.largest.max())) or 1.0
             off = float(np.linalg.norm((second.found.forces - whole.found.forces)[rows])) / largest
             worst = max(worst, solver.difference(off, ends, rows, largest))
         return worst
@@ -263,21 +305,21 @@ class RangesIncrements:
 
     def answer(self, solved: SolvedRange) -> Answer:
         """Answer of an increment."""
-        found = solved.found
+        solution = solved.found
         reached = solved.reached
         return Answer(
             reached.point,
-            self._unknown(solved.contact, found),
-            found.forces,
-            found.active,
-            found.iterations,
-            found.status,
-            found.projections > 0,
+            unknown_of(solved.contact, solution),
+            solution.forces,
+            solution.active,
+            solution.iterations,
+            solution.status,
+            solution.projections > 0,
             self.model.fields,
             time=reached.time,
             gradient=solved.gradient,
             memory=reached.whole,
-            undetermined=self._undetermined(solved.contact, found),
+            undetermined=self._undetermined(solved.contact, solution),
         )
 
     def _undetermined(self, contact: CondensedContact, found: Together) -> np.ndarray | None:
@@ -297,16 +339,16 @@ class RangesIncrements:
 
     def advice(self, solved: SolvedRange) -> Mapping[Status, str]:
         """Rows that still change."""
-        found = solved.found
-        if found.status is Status.ADRIFT:
+        solution = solved.found
+        if solution.status is Status.ADRIFT:
             return {
-                found.status: (
+                solution.status: (
                     f"{self.model.law.name} do not bear its loads, or nothing presses on them"
                 )
             }
         return (
-            {found.status: f"conditions {found.unsettled[:8].tolist()} change"}
-            if found.unsettled.size
+            {solution.status: f"conditions {solution.unsettled[:8].tolist()} change"}
+            if solution.unsettled.size
             else {}
         )
 
@@ -340,29 +382,50 @@ class RangesStep:
         active: np.ndarray,
         pairs: Pairs | None,
     ) -> Statuses:
-        """See :class:`~hhr_dolfinx.contact.law.StepContact`."""
+        """See :class:`~hhr_dolfinx.contact.law.StepContact`.
+
+        Args:
+            equalities: equality problems on S of the linearisation.
+            free_slack: slack without contact forces, (m,).
+            active: statuses to start from, which are not needed.
+            pairs: not read: ranges have their own scales.
+        """
         if equalities is not self._equalities:
             self._equalities = equalities
             self._schur = equalities.whole()
-        self._last = found = self._laws.on(self._schur).solve(free_slack, self._steps, self._forces)
-        if found.status is Status.CONVERGED:  # else no start for the next one
-            self._forces = found.forces
+        self._last = solution = self._laws.on(self._schur).solve(
+            free_slack, self._steps, self._forces
+        )
+        if solution.status is Status.CONVERGED:  # else no start for the next one
+            self._forces = solution.forces
         return Statuses(
-            found.forces, found.active, found.iterations, found.status, found.projections > 0
+            solution.forces,
+            solution.active,
+            solution.iterations,
+            solution.status,
+            solution.projections > 0,
         )
 
     def changes(
         self, equalities: SchurEqualities, found: Statuses, slack: np.ndarray
     ) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.contact.law.StepContact`."""
+        """See :class:`~hhr_dolfinx.contact.law.StepContact`.
+
+        Args:
+            equalities: not read: those of the solution.
+            found: solution, which the step has stored.
+            slack: derivatives of the slack, (m, K).
+        """
         last = self._last
         assert last is not None
         ranges = self._laws.on(self._schur)
         right = np.zeros_like(slack)
-        parts = ranges.linearised(last.slack, self._steps, last.forces, ranges.stiffness, 1)
-        for rows, part in zip(ranges.rows, parts, strict=True):
-            right[rows] = -part.of_slack(slack[rows])
-        return ranges.solved(parts, right)
+        linearisations = ranges.linearised(
+            last.slack, self._steps, last.forces, ranges.stiffness, 1
+        )
+        for rows, linearised in zip(ranges.rows, linearisations, strict=True):
+            right[rows] = -linearised.of_slack(slack[rows])
+        return ranges.solved(linearisations, right)
 
     def memory(self, unknown: np.ndarray) -> Memory:
         """See :class:`~hhr_dolfinx.contact.law.StepContact`."""

@@ -12,27 +12,31 @@ nothing is proved with it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.contact.active_set import OTHER_PAIRS_ROUND_OFF, Status
 from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 
-RANGE_TOLERANCE = 1e-11
-"""Deviation of forces from their projection, relative to the largest of the range, up to which they
-have converged.
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.contact_laws.range_increments import RangeState
+
+PROJECTION_TOLERANCE = 1e-11
+"""Relative deviation of forces from their projection up to which they have converged (measured
+round-off: 1e-14).
 """
-OTHER_RANGES_ROUND_OFF = 1e-15
-"""Part of the largest force of all ranges that reaches the others as round-off."""
 EPSILON = 4e-16
 """Round-off of one sum, relative to its terms; loops that ask for less do not end."""
 ATTEMPTS = 3
 """Number of ways in which a law may choose its statuses."""
-RANGE_ITERATIONS = 40
-"""Iterations of each."""
+NEWTON_ITERATIONS = 40
+"""Iterations of Newton's method before another attempt.
+
+Two to five are usual from the previous increment.
+"""
 PROJECTIONS = (30, 100, 300, 1000, 3000, 10000)
 """Projections between one round of Newton's method and the next."""
 RANGE_COMPLIANCES = (1e3, 1e5, 1e7, 1e9)
@@ -85,17 +89,29 @@ class RangeStep:
     def linearised(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
     ) -> Linearised:
-        """Linearise at forces and slacks of the rows, (k,) each.
+        """Linearise at forces and slacks of the rows.
 
-        ``stiffness`` is c, the force per slack, (k,).
+        Other attempts than 1 may choose their statuses as helps the search.
 
-        The statuses of the attempt 1 are those of the residual; others may be chosen as helps the
-        search.
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
+            attempt: number of the way to choose statuses; 1 gives those of the residual.
+
+        Raises:
+            NotImplementedError: a law must state it.
         """
         raise NotImplementedError
 
     def after(self, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> Memory:
-        """Memory at the end of the increment."""
+        """Memory at the end of the increment.
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            active: rows that touch or stick, (k,) bool.
+        """
         return NO_MEMORY
 
     def slopes(
@@ -103,21 +119,38 @@ class RangeStep:
     ) -> np.ndarray | float:
         """Derivatives of the residual along the parameters at constant forces, slacks and memory,
         (k, P).
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
         """
         return 0.0
 
     def carried(
         self, before: np.ndarray, forces: np.ndarray, slack: np.ndarray, active: np.ndarray
     ) -> np.ndarray:
-        """Derivatives of the next shift from those of this one, of forces and of slacks, (k, P)
-        each.
+        """Derivatives of the next shift, (k, P).
+
+        Args:
+            before: derivatives of the shift, (k, P).
+            forces: derivatives of the forces, (k, P).
+            slack: derivatives of the slacks, (k, P).
+            active: rows that touch or stick, (k,) bool.
         """
         return before
 
     def grazing(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, near: float
     ) -> np.ndarray:
-        """Rows at a kink, by forces below ``near``, where derivatives are one-sided, (k,) bool."""
+        """Mask of the rows at a kink, where derivatives are one-sided, (k,) bool.
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
+            near: force below which a row counts as at a kink.
+        """
         return np.abs(forces - stiffness * slack) <= near
 
 
@@ -142,29 +175,46 @@ class RangeSolver:
         """Memory of undeformed bodies."""
         return NO_MEMORY
 
-    def step(self, before: Mapping[str, Any], point: np.ndarray, seconds: float) -> RangeStep:
-        """Increment from a memory to a point, (P,).
+    def step(self, before: Memory, point: np.ndarray, seconds: float) -> RangeStep:
+        """Increment from a memory to a point.
 
         A law without memory gets an empty one, and NaN seconds.
+
+        Args:
+            before: memory at its start.
+            point: parameter at its end, (P,).
+            seconds: its duration.
+
+        Raises:
+            NotImplementedError: a law must state it.
         """
         raise NotImplementedError
 
     def difference(
-        self, off: float, ends: Sequence[Any], rows: np.ndarray, largest: float
+        self, off: float, ends: Sequence[RangeState], rows: np.ndarray, largest: float
     ) -> float:
-        """Error of a step in two halves from that of its forces, ``off``, which are relative to the
-        ``largest``.
+        """Error of a step in two halves.
 
-        ``ends`` are the states at the start, after the first half, after the second, and after the
-        whole step.
+        Args:
+            off: error of its forces, relative to ``largest``.
+            ends: states at the start, after the first half, after the second, and after the whole
+                step.
+            rows: numbers of the rows among all conditions, (k,).
+            largest: largest norm of the forces so far.
         """
         return off
 
-    def check(self, memory: Mapping[str, Any], place: str) -> None:
+    def check(self, memory: Memory, place: str) -> None:
         """Check the memory at the end of a step, and warn; ``place`` is the parameter, in words."""
 
     def coupling(self, schur: np.ndarray, rows: np.ndarray, point: np.ndarray) -> float:
-        """Part of the law in :meth:`AnsweringModel.coupling`; a monotone law has none."""
+        """Part of the law in :meth:`AnsweringModel.coupling`; a monotone law has none.
+
+        Args:
+            schur: S, (M, M).
+            rows: numbers of the rows among all conditions, (k,).
+            point: parameter, (P,).
+        """
         return 0.0
 
 
@@ -178,7 +228,11 @@ class CurveStep(RangeStep):
         self.shift = np.zeros(size)
 
     def curve(self, closure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Forces at closures >= 0, (k,), and their derivatives."""
+        """Forces at closures >= 0, (k,), and their derivatives.
+
+        Raises:
+            NotImplementedError: a law must state it.
+        """
         raise NotImplementedError
 
     def curve_slopes(self, closure: np.ndarray) -> np.ndarray | float:
@@ -188,7 +242,14 @@ class CurveStep(RangeStep):
     def linearised(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
     ) -> Linearised:
-        """By the resolvent of the curve."""
+        """By the resolvent of the curve.
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
+            attempt: number of the way to choose statuses; 1 gives those of the residual.
+        """
         force, slope, _ = resolvent(self.curve, forces - stiffness * slack, stiffness)
         return closing(forces, slack, stiffness, force, slope)
 
@@ -197,6 +258,11 @@ class CurveStep(RangeStep):
     ) -> np.ndarray | float:
         """Derivatives of x - f(d) at constant x - c s: 1 - J = c / (f' + c) times those of the
         curve.
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
         """
         _, slope, closure = resolvent(self.curve, forces - stiffness * slack, stiffness)
         return -(np.transpose(self.curve_slopes(closure)) * (1.0 - slope)).T
@@ -209,8 +275,14 @@ def closing(
     projection: np.ndarray,
     slope: np.ndarray,
 ) -> Linearised:
-    """Linearised law of independent rows, by the projection of x - c s and its slope J, 0 <= J <=
-    1, (k,) each.
+    """Linearised law of independent rows, by the projection of x - c s and its slope, 0 <= J <= 1.
+
+    Args:
+        forces: forces of the rows, (k,).
+        slack: slacks of the rows, (k,).
+        stiffness: c, force per slack of each row, (k,).
+        projection: projection of x - c s, (k,).
+        slope: its slope J, (k,).
     """
     right = projection - slope * (forces - stiffness * slack)
     touching = slope > 0
@@ -234,6 +306,11 @@ def resolvent(
     Newton's method, bracketed by d in [0, y / c]. A force is y - c d where the curve is stiffer
     than c and f(d) where it is softer, which are accurate there.
 
+    Args:
+        curve: function that gives f and its derivative at closures >= 0, (k,).
+        y: x - c s, (k,).
+        stiffness: c, force per slack of each row, (k,).
+
     Raises:
         NotSolvableError: for a curve that falls: forces may then be several, and projections need
             not converge.
@@ -249,13 +326,15 @@ def resolvent(
                 f"{closure[np.argmin(slope)]:.6g}: only laws whose pressure never falls while the "
                 "gap closes are built in, as others may have several answers"
             )
-        left = force + stiffness * closure - y
-        change = left / (slope + stiffness)
-        settled = ~closes | (np.abs(change) <= EPSILON * closure) | (np.abs(left) <= EPSILON * y)
+        residual = force + stiffness * closure - y
+        change = residual / (slope + stiffness)
+        settled = (
+            ~closes | (np.abs(change) <= EPSILON * closure) | (np.abs(residual) <= EPSILON * y)
+        )
         if settled.all():
             break
-        low = np.where(left < 0, closure, low)
-        high = np.where(left < 0, high, closure)
+        low = np.where(residual < 0, closure, low)
+        high = np.where(residual < 0, high, closure)
         # Newton's method comes down slowly from far above on a steep curve
         new = np.where(force > 4.0 * y, 0.25 * closure, closure - change)
         new = np.where((new > low) & (new < high), new, 0.5 * (low + high))
@@ -276,7 +355,14 @@ class UnilateralStep(RangeStep):
     def linearised(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
     ) -> Linearised:
-        """Force or slack is zero."""
+        """Force or slack is zero.
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
+            attempt: number of the way to choose statuses; 1 gives those of the residual.
+        """
         y = forces - stiffness * slack
         return closing(forces, slack, stiffness, np.maximum(y, 0.0), (y > 0).astype(float))
 
@@ -294,7 +380,12 @@ class Together(NamedTuple):
     unsettled: np.ndarray  #: rows that still change
 
     def followed(self, last: Together, projections: int) -> Together:
-        """The outcome of a further attempt, and the systems and projections of both."""
+        """The outcome of a further attempt, and the systems and projections of both.
+
+        Args:
+            last: outcome of the further attempt.
+            projections: projections before it.
+        """
         spent = self.projections + projections + last.projections
         return last._replace(iterations=self.iterations + last.iterations, projections=spent)
 
@@ -317,12 +408,12 @@ class Ranges:
         self.schur = schur + np.diag(compliance) if compliance.any() else schur
         self.rows = tuple(rows)
         self.motions = np.zeros((len(schur), 0)) if motions is None else motions
-        own = np.abs(np.diag(self.schur))
-        self.typical = float(own[own > 0].mean()) if (own > 0).any() else 1.0
-        self.stiffness = 1.0 / np.where(own > 0, own, self.typical)
+        diagonal = np.abs(np.diag(self.schur))
+        self.typical = float(diagonal[diagonal > 0].mean()) if (diagonal > 0).any() else 1.0
+        self.stiffness = 1.0 / np.where(diagonal > 0, diagonal, self.typical)
         self._sizes = np.abs(self.schur)
-        whole = np.hstack([self.schur, -self.motions])
-        self._whole = [whole[part] for part in self.rows]
+        bordered = np.hstack([self.schur, -self.motions])
+        self._whole = [bordered[indices] for indices in self.rows]
 
     def solve(
         self,
@@ -331,8 +422,13 @@ class Ranges:
         start: np.ndarray,
         driving: np.ndarray | None = None,
     ) -> Together:
-        """Solve an increment from some forces, (M,); ``driving`` are loads along the motions,
-        (r,).
+        """Solve an increment.
+
+        Args:
+            free_slack: slack without contact forces, (M,).
+            steps: increment of each law.
+            start: forces to start from, (M,).
+            driving: loads along the motions, (r,); None without any.
         """
         free = free_slack.copy()
         for rows, step in zip(self.rows, steps, strict=True):
@@ -350,18 +446,18 @@ class Ranges:
         """Solve by Newton's method, and if it does not converge, with projections or springs before
         it.
         """
-        found = self._newton(free, steps, start, 0 * driving, driving)
-        if found.status is Status.CONVERGED:
-            return found
+        outcome = self._newton(free, steps, start, 0 * driving, driving)
+        if outcome.status is Status.CONVERGED:
+            return outcome
         if driving.size:
-            return self._by_springs(free, steps, start, driving, found)
+            return self._by_springs(free, steps, start, driving, outcome)
         forces = start
         for count in PROJECTIONS:
             forces = self._projected(free, steps, np.where(np.isfinite(forces), forces, 0.0), count)
-            found = found.followed(self._newton(free, steps, forces, driving, driving), count)
-            if found.status is Status.CONVERGED:
+            outcome = outcome.followed(self._newton(free, steps, forces, driving, driving), count)
+            if outcome.status is Status.CONVERGED:
                 break
-        return found
+        return outcome
 
     def linearised(
         self,
@@ -371,40 +467,54 @@ class Ranges:
         stiffness: np.ndarray,
         attempt: int,
     ) -> list[Linearised]:
-        """Linearise all laws at forces and slacks, (M,)."""
-        parts = zip(self.rows, steps, strict=True)
+        """Linearise all laws at forces and slacks.
+
+        Args:
+            slack: slacks of all rows, (M,).
+            steps: increment of each law.
+            forces: forces of all rows, (M,).
+            stiffness: c of all rows, (M,).
+            attempt: number of the way to choose statuses; 1 gives those of the residual.
+        """
+        pairs = zip(self.rows, steps, strict=True)
         return [
             step.linearised(forces[rows], slack[rows], stiffness[rows], attempt)
-            for rows, step in parts
+            for rows, step in pairs
         ]
 
     def solved(self, parts: Sequence[Linearised], right: np.ndarray) -> np.ndarray:
         """Forces and motions that solve P x + Q (S x - G a) = right, G^T x = driving, (M + r, ...).
+
+        Args:
+            parts: linearised law of each range.
+            right: right-hand sides, (M + r, ...).
 
         Raises:
             LinAlgError: if they are undetermined.
         """
         m, r = self.motions.shape
         matrix = np.zeros((m + r, m + r))
-        for rows, part, whole in zip(self.rows, parts, self._whole, strict=True):
-            block = part.of_slack(whole)
-            block[np.arange(rows.size), rows] += part.on_forces
-            if part.coupling is not None:
-                block[part.coupling.rows, rows[part.coupling.columns]] += part.coupling.on_forces
+        for rows, linearised, bordered in zip(self.rows, parts, self._whole, strict=True):
+            block = linearised.of_slack(bordered)
+            block[np.arange(rows.size), rows] += linearised.on_forces
+            if linearised.coupling is not None:
+                block[linearised.coupling.rows, rows[linearised.coupling.columns]] += (
+                    linearised.coupling.on_forces
+                )
             matrix[rows] = block
         matrix[m:, :m] = self.motions.T
         # rows that read no force but their own are known at once, as those of open contacts are
-        own = np.diag(matrix)
-        alone = (np.count_nonzero(matrix, axis=1) == 1) & (own != 0)
-        found = np.zeros_like(right)
-        found[alone] = (right[alone].T / own[alone]).T
-        left = np.flatnonzero(~alone)
-        known = np.flatnonzero(found.any(axis=1) if found.ndim > 1 else found)
-        system = matrix[left]
-        found[left] = np.linalg.solve(
-            system[:, left], right[left] - system[:, known] @ found[known]
+        diagonal = np.diag(matrix)
+        alone = (np.count_nonzero(matrix, axis=1) == 1) & (diagonal != 0)
+        solution = np.zeros_like(right)
+        solution[alone] = (right[alone].T / diagonal[alone]).T
+        coupled = np.flatnonzero(~alone)
+        nonzero = np.flatnonzero(solution.any(axis=1) if solution.ndim > 1 else solution)
+        system = matrix[coupled]
+        solution[coupled] = np.linalg.solve(
+            system[:, coupled], right[coupled] - system[:, nonzero] @ solution[nonzero]
         )
-        return found
+        return solution
 
     def _newton(
         self,
@@ -415,12 +525,14 @@ class Ranges:
         driving: np.ndarray,
     ) -> Together:
         """Newton's method with one way to choose statuses after another."""
-        found = self._attempt(free, steps, start, motions, driving, 0)
+        outcome = self._attempt(free, steps, start, motions, driving, 0)
         for attempt in range(1, ATTEMPTS):
-            if found.status is Status.CONVERGED:
+            if outcome.status is Status.CONVERGED:
                 break
-            found = found.followed(self._attempt(free, steps, start, motions, driving, attempt), 0)
-        return found._replace(iterations=max(found.iterations, 1))
+            outcome = outcome.followed(
+                self._attempt(free, steps, start, motions, driving, attempt), 0
+            )
+        return outcome._replace(iterations=max(outcome.iterations, 1))
 
     def _attempt(
         self, free: np.ndarray, steps: Sequence[RangeStep], forces: np.ndarray, motions: np.ndarray,
@@ -429,22 +541,22 @@ class Ranges:
         seen: set[bytes] = set()
         least = np.inf
         status = Status.UNSETTLED
-        for iteration in range(RANGE_ITERATIONS + 1):
+        for iteration in range(NEWTON_ITERATIONS + 1):
             slack = free + self.schur @ forces - self.motions @ motions
-            parts = self.linearised(slack, steps, forces, self.stiffness, attempt)
-            off, noise = self._off(parts, free, forces, motions)
+            linearisations = self.linearised(slack, steps, forces, self.stiffness, attempt)
+            off, noise = self._off(linearisations, free, forces, motions)
             if (off <= noise).all() and self._balanced(forces, driving):
                 active = np.zeros(len(forces), dtype=bool)
-                for rows, part in zip(self.rows, parts, strict=True):
-                    active[rows] = part.active
+                for rows, linearised in zip(self.rows, linearisations, strict=True):
+                    active[rows] = linearised.active
                 none = np.zeros(0, dtype=np.int64)
                 return Together(
                     forces, slack, active, motions, iteration, 0, Status.CONVERGED, none
                 )
             worst = float((off / noise).max())
-            key = b"".join(part.key for part in parts)
+            key = b"".join(linearised.key for linearised in linearisations)
             if (
-                iteration == RANGE_ITERATIONS
+                iteration == NEWTON_ITERATIONS
                 or not np.isfinite(worst)
                 or (key in seen and not worst < 0.5 * least)
             ):
@@ -452,10 +564,10 @@ class Ranges:
             seen.add(key)
             least = min(least, worst)
             right = np.concatenate([np.zeros(len(free)), driving])
-            for rows, part in zip(self.rows, parts, strict=True):
-                right[rows] = part.right - part.of_slack(free[rows])
+            for rows, linearised in zip(self.rows, linearisations, strict=True):
+                right[rows] = linearised.right - linearised.of_slack(free[rows])
             try:
-                forces, motions = np.split(self.solved(parts, right), [len(forces)])
+                forces, motions = np.split(self.solved(linearisations, right), [len(forces)])
             except np.linalg.LinAlgError:
                 status = Status.SINGULAR
                 break
@@ -476,11 +588,11 @@ class Ranges:
             * self.stiffness
             * (np.abs(free) + self._sizes @ size + np.abs(self.motions) @ np.abs(motions))
         )
-        noise += OTHER_RANGES_ROUND_OFF * size.max(initial=0.0) + 1e-300
+        noise += OTHER_PAIRS_ROUND_OFF * size.max(initial=0.0) + 1e-300
         off = np.zeros(len(forces))
-        for rows, part in zip(self.rows, parts, strict=True):
-            off[rows] = np.abs(part.off)
-            noise[rows] += RANGE_TOLERANCE * size[rows].max(initial=0.0)
+        for rows, linearised in zip(self.rows, parts, strict=True):
+            off[rows] = np.abs(linearised.off)
+            noise[rows] += PROJECTION_TOLERANCE * size[rows].max(initial=0.0)
         return off, noise
 
     def _balanced(self, forces: np.ndarray, driving: np.ndarray) -> bool:
@@ -497,10 +609,12 @@ class Ranges:
         """Forces after some projections."""
         stiffness = np.full(len(forces), 1.9 / np.linalg.norm(self.schur, 2))
         for _ in range(count):
-            parts = self.linearised(free + self.schur @ forces, steps, forces, stiffness, 1)
+            linearisations = self.linearised(
+                free + self.schur @ forces, steps, forces, stiffness, 1
+            )
             forces = forces.copy()
-            for rows, part in zip(self.rows, parts, strict=True):
-                forces[rows] -= part.off
+            for rows, linearised in zip(self.rows, linearisations, strict=True):
+                forces[rows] -= linearised.off
         return forces
 
     def _by_springs(
@@ -509,7 +623,7 @@ class Ranges:
         steps: Sequence[RangeStep],
         start: np.ndarray,
         driving: np.ndarray,
-        found: Together,
+        outcome: Together,
     ) -> Together:
         """Hold bodies by weak springs whose ends move until they bear nothing (proximal points).
 
@@ -525,17 +639,17 @@ class Ranges:
             held = self.schur + (self.motions * springs) @ self.motions.T
             ranges = Ranges(held, self.rows, np.zeros(len(free)))
             for _ in range(RANGE_STEPS):
-                one = ranges._found(
+                sprung = ranges._found(
                     free - self.motions @ (ends + springs * driving), steps, forces, driving[:0]
                 )
-                found = found.followed(one, 0)
-                if one.status is not Status.CONVERGED:
-                    return found._replace(motions=ends)
-                forces = one.forces
+                outcome = outcome.followed(sprung, 0)
+                if sprung.status is not Status.CONVERGED:
+                    return outcome._replace(motions=ends)
+                forces = sprung.forces
                 ends = ends + springs * (driving - forces @ self.motions)
                 if self._balanced(forces, driving):
-                    return found._replace(motions=ends)
-                found = found.followed(self._newton(free, steps, forces, ends, driving), 0)
-                if found.status is Status.CONVERGED:
-                    return found
-        return found._replace(status=Status.ADRIFT)
+                    return outcome._replace(motions=ends)
+                outcome = outcome.followed(self._newton(free, steps, forces, ends, driving), 0)
+                if outcome.status is Status.CONVERGED:
+                    return outcome
+        return outcome._replace(status=Status.ADRIFT)

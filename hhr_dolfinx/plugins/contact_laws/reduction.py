@@ -53,19 +53,19 @@ def completed(full: FullModel) -> tuple[ContactLaw, Callable[..., InterfaceCompl
             ranges, or without a plug-in that completes forces.
     """
     law = full.law
-    what = f"hyper-reduction of contacts with {law.name}"
-    complete = registry.tool("forces_outside", what)
+    capability = f"hyper-reduction of contacts with {law.name}"
+    complete = registry.tool("forces_outside", capability)
     if not isinstance(law, Interface) and steps_of(law).completes:
         return law, complete
     if full.equilibrium is not None:
         raise NotOfferedError(
-            f"{what}, and of inelastic bodies, is not built in: a step starts from the memory of "
-            "the RID, and an answer has that of the whole contact surface alone"
+            f"{capability}, and of inelastic bodies, is not built in: a step starts from the "
+            "memory of the RID, and an answer has that of the whole contact surface alone"
         )
-    found = ranged(law, full.conditions)
-    for part in found.ranges:
-        part.solver()
-    return found, complete
+    interface = ranged(law, full.conditions)
+    for law_range in interface.ranges:
+        law_range.solver()
+    return interface, complete
 
 
 def complete_contacts(draft: Draft) -> None:
@@ -98,7 +98,12 @@ class OfContactLaws(OfPoints):
         completed(self.full)
 
     def check(self, name: str, solutions: object) -> SnapshotSet:
-        """Refuse laws that hyper-reduced models cannot complete, too."""
+        """Refuse laws that hyper-reduced models cannot complete, too.
+
+        Args:
+            name: name of the answers, for messages.
+            solutions: answers as a user gives them.
+        """
         self.require_completion()
         return super().check(name, solutions)
 
@@ -118,17 +123,30 @@ class OfPaths(OfHistories, OfContactLaws):
     def condensed_from(
         self, snapshots: SnapshotSet, held_out: SnapshotSet | None
     ) -> tuple[None, None, bool]:
-        """No answers: an increment starts from the one before.
+        """Answers for a condensed model: none, as an increment starts from the one before.
 
         Outputs of displacements take fields.
+
+        Args:
+            snapshots: training answers.
+            held_out: validation answers, if any.
         """
         outputs = self.full.functionals
-        return None, None, outputs is not None and any(item.count for item in outputs.items)
+        return (
+            None,
+            None,
+            outputs is not None and any(functional.count for functional in outputs.items),
+        )
 
     def statuses(
         self, snapshots: SnapshotSet | None, found: Callable[[], KnownStatuses]
     ) -> KnownStatuses:
-        """None."""
+        """Statuses of training: none.
+
+        Args:
+            snapshots: training answers.
+            found: function of the training statuses, which is not called.
+        """
         problem = self.full.problem
         return KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,26 +20,50 @@ from hhr_dolfinx.plugins.contact_laws.increments import Increments, follow, prop
 from hhr_dolfinx.plugins.contact_laws.interface import ranged
 from hhr_dolfinx.plugins.contact_laws.range_increments import RangesIncrements, RangesStep
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import AnsweringModel
+
 
 class LawSteps(Steps):
     """Base of the facet of a law whose increments are solved one after another, see
     :mod:`.increments`.
     """
 
-    def march(self, model: Any, path: Path, settings: MarchSettings, **how: Any) -> History:
-        """See :func:`follow`."""
+    def march(
+        self, model: AnsweringModel, path: Path, settings: MarchSettings, **how: Any
+    ) -> History:
+        """History along a path, see :func:`follow`.
+
+        Args:
+            model: model with the law.
+            path: checked path.
+            settings: settings of the history.
+            **how: further arguments of :func:`follow`.
+        """
         return follow(model, path, settings, **how)
 
     def one_step(
         self,
-        model: Any,
+        model: AnsweringModel,
         point: np.ndarray,
         raise_on_failure: bool,
         outside: str,
         gradient: bool,
         **step: Any,
     ) -> Answer:
-        """One proportional load from rest; one increment without memory."""
+        """Answer to a point: one proportional load from rest, or one increment without memory.
+
+        Args:
+            model: model with the law.
+            point: parameter, (P,).
+            raise_on_failure: raise instead of returning NaN and a status.
+            outside: policy outside the training range.
+            gradient: compute the derivatives along the parameters.
+            **step: ``converged``, see :func:`proportional`.
+
+        Raises:
+            NotOfferedError: for other keywords.
+        """
         if step.keys() - {"converged"}:
             raise NotOfferedError(f"solve knows no {', '.join(step)} here: all bodies are elastic")
         if not model.law.path_dependent:
@@ -47,21 +71,34 @@ class LawSteps(Steps):
         return proportional(model, point, raise_on_failure, outside, gradient, **step)
 
     def step_contact(
-        self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None
+        self,
+        model: Any,
+        before: Answer,
+        point: np.ndarray,
+        time: float,
+        last: Any = None,
     ) -> StepContact:
-        """All laws on the S of each linearisation, by their facet ``range``."""
+        """All laws on the S of each linearisation, by their facet ``range``.
+
+        Args:
+            model: model with the law.
+            before: answer at the start of the step.
+            point: parameter, (P,).
+            time: time at the end of the step in seconds.
+            last: contact problems of another step, whose factors can serve; None for none.
+        """
         return RangesStep(ranged(model.law, model.conditions), before, point, time, last)
 
     def at_rest(self, model: Any) -> Memory:
         """Of all laws."""
         memory = NO_MEMORY
-        for part in ranged(model.law, model.conditions).ranges:
-            memory = memory | part.solver().at_rest()
+        for law_range in ranged(model.law, model.conditions).ranges:
+            memory = memory | law_range.solver().at_rest()
         return memory
 
     def watch(self, model: Any) -> Callable[[Answer], None]:
         """Of all laws."""
-        solvers = [part.solver() for part in ranged(model.law, model.conditions).ranges]
+        solvers = [law_range.solver() for law_range in ranged(model.law, model.conditions).ranges]
 
         def check(answer: Answer) -> None:
             for solver in solvers:
@@ -78,8 +115,16 @@ class InterfaceSteps(LawSteps):
 
     completes = True
 
-    def increments(self, model: Any, settings: MarchSettings) -> Increments:
-        """All laws together."""
+    def increments(self, model: AnsweringModel, settings: MarchSettings) -> Increments:
+        """Increments of all laws together.
+
+        Args:
+            model: model with the law.
+            settings: settings of the history.
+
+        Raises:
+            NotOfferedError: for derivatives of the limit of small increments.
+        """
         if settings.limit:
             raise NotOfferedError(
                 "derivatives of the limit of small increments are not built in with "
@@ -88,13 +133,19 @@ class InterfaceSteps(LawSteps):
         return RangesIncrements(model, settings.gradient)
 
     def coupling(self, model: Any, point: np.ndarray) -> float:
-        """Sum over the laws: |e|_S^2 of the difference e of two solutions is at most the sum of
-        their parts in it.
+        """Sum over the laws of their part in the difference of two solutions.
+
+        |e|_S^2 of the difference e is at most this sum.
+
+        Args:
+            model: model with the law.
+            point: parameter, (P,).
         """
         if model.equilibrium is not None or (contact := model.contacts()(point)).kernel is not None:
             return math.nan
         return sum(
-            part.solver().coupling(contact.schur, part.rows, point) for part in model.law.ranges
+            law_range.solver().coupling(contact.schur, law_range.rows, point)
+            for law_range in model.law.ranges
         )
 
     def known_error(self, known: str) -> str:

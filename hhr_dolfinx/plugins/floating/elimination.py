@@ -50,33 +50,44 @@ class Floating:
         fields: ModelFields,
         gradient: bool,
     ) -> Answer:
-        """See :class:`~hhr_dolfinx.contact.kernel.CondensedKernel`."""
+        """See :class:`~hhr_dolfinx.contact.kernel.CondensedKernel`.
+
+        Args:
+            contact: condensed contact problem.
+            point: parameter, (P,).
+            start: statuses to start from, (m,) bool.
+            pairs: contact pair of each condition; None for one pair.
+            fields: fields that complete the answer.
+            gradient: compute the derivatives along the parameters.
+        """
         equalities = self.equalities
         free_slack = contact.free_slack
-        found, motions = floating_set(equalities, free_slack, self.driving, start, pairs)
-        unknown = contact.unknown(found.forces) + self.modes @ motions
-        if found.status is not Status.CONVERGED:
-            return found_as(found, point, unknown, fields)
-        slack = free_slack + contact.schur @ found.forces - equalities.contact_of_motions @ motions
-        left = open_motions(equalities, found.forces, free_slack, slack, self.modes.T @ unknown)
-        if left is None:
-            answer = found_as(found, point, unknown, fields)
+        statuses, motions = floating_set(equalities, free_slack, self.driving, start, pairs)
+        unknown = contact.unknown(statuses.forces) + self.modes @ motions
+        if statuses.status is not Status.CONVERGED:
+            return found_as(statuses, point, unknown, fields)
+        slack = (
+            free_slack + contact.schur @ statuses.forces - equalities.contact_of_motions @ motions
+        )
+        open_ = open_motions(equalities, statuses.forces, free_slack, slack, self.modes.T @ unknown)
+        if open_ is None:
+            answer = found_as(statuses, point, unknown, fields)
         else:
-            unknown = unknown + self.modes @ left.shift
-            slack = slack - equalities.contact_of_motions @ left.shift
-            found = found._replace(active=found.active & ~left.opened)
-            answer = found_as(found, point, unknown, fields)._replace(
-                undetermined=self.modes @ left.ways
+            unknown = unknown + self.modes @ open_.shift
+            slack = slack - equalities.contact_of_motions @ open_.shift
+            statuses = statuses._replace(active=statuses.active & ~open_.opened)
+            answer = found_as(statuses, point, unknown, fields)._replace(
+                undetermined=self.modes @ open_.ways
             )
         if not gradient:
             return answer
-        of_slack, of_unknown = contact.at_fixed_forces(found.forces, unknown)
-        driven = self.drift(found.forces, unknown)
-        changes, opened, of_motions = equalities.several(found.active, of_slack, driven)
+        of_slack, of_unknown = contact.at_fixed_forces(statuses.forces, unknown)
+        driven = self.drift(statuses.forces, unknown)
+        changes, opened, of_motions = equalities.several(statuses.active, of_slack, driven)
         of_unknown = of_unknown - contact.pushed(changes) + self.modes @ of_motions
         return answer._replace(
             gradient=Gradient(
-                of_unknown, changes, grazing(found.active, found.forces, slack), opened
+                of_unknown, changes, grazing(statuses.active, statuses.forces, slack), opened
             )
         )
 
@@ -104,7 +115,7 @@ class FloatingElimination(Rebuilt, Elimination):
         ``changed``: derivatives at fixed forces and motions, if K varies.
         """
         theta = self.amplitudes(point)
-        left = self.responses
+        responses = self.responses
         changes = partial(self._changes, point) if changed is None else changed
         motions = Floating(
             self.equalities,
@@ -112,11 +123,11 @@ class FloatingElimination(Rebuilt, Elimination):
             self.modes,
             lambda _, unknown: changes(unknown)[2],
         )
-        slack = left.free_slack @ theta
-        free = left.free_primal @ theta
-        respond = partial(np.matmul, left.primal_per_force)
+        slack = responses.free_slack @ theta
+        free = responses.free_primal @ theta
+        respond = partial(np.matmul, responses.primal_per_force)
         return CondensedContact(
-            left.schur,
+            responses.schur,
             slack,
             free,
             respond,
@@ -128,8 +139,8 @@ class FloatingElimination(Rebuilt, Elimination):
         self, point: np.ndarray, _: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         acting, slopes = self.amplitudes.slopes_at(point)
-        parts = self.responses.free_slack, self.responses.free_primal, self.driving
-        slack, free, driving = (part[:, acting] @ slopes for part in parts)
+        terms = self.responses.free_slack, self.responses.free_primal, self.driving
+        slack, free, driving = (term[:, acting] @ slopes for term in terms)
         return slack, free, driving
 
 
@@ -145,8 +156,8 @@ class ReducedFloatingElimination(Elimination):
         if self.problem.terms is None:
             return self._constant(point)
         weights = self.problem.terms.weights(point)
-        factor, left = self._eliminated(self.problem.weighted(weights))
-        return left(point, partial(self._changed, factor, point, weights))
+        factor, eliminated = self._eliminated(self.problem.weighted(weights))
+        return eliminated(point, partial(self._changed, factor, point, weights))
 
     @cached_property
     def _constant(self) -> FloatingElimination:
@@ -159,12 +170,14 @@ class ReducedFloatingElimination(Elimination):
         r = problem.motions
         held = problem.held
         factor = LapackLU(held.stiffness)
-        found = Responses.eliminate(
+        eliminated = Responses.eliminate(
             factor, held.loads, held.gaps, held.contact_test, held.contact_trial
         )
         contact_of_motions = np.ascontiguousarray(problem.contact_trial[:, :r])
-        free, per_force = (_after(r, part) for part in (found.free_primal, found.primal_per_force))
-        responses = replace(found, free_primal=free, primal_per_force=per_force)
+        free, per_force = (
+            _after(r, rows) for rows in (eliminated.free_primal, eliminated.primal_per_force)
+        )
+        responses = replace(eliminated, free_primal=free, primal_per_force=per_force)
         return factor, FloatingElimination(
             responses, contact_of_motions, problem.loads[:r], np.eye(len(free), r), self.amplitudes
         )

@@ -43,11 +43,11 @@ class MotionsBeside(Rebuilt, Elimination):
         """See :class:`Elimination`; neighbours of equal stiffness share the equality problems on
         S.
         """
-        made = self.held.along_path()
+        held_at = self.held.along_path()
         last: list[FloatingEqualities] = []
 
         def contact_at(point: np.ndarray) -> CondensedContact:
-            contact = made(point)
+            contact = held_at(point)
             if not last or last[0].schur is not contact.schur:
                 last[:] = [FloatingEqualities(contact.schur, self.taken)]
             return self._beside(contact, last[0], point)

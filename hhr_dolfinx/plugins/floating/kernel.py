@@ -75,15 +75,17 @@ def undetermined_outputs(answer: Any) -> set[str]:
     functionals = fields.functionals.at(answer.parameter)
     theta = fields.functionals.amplitudes.dense(answer.parameter)
     before = fields.measured(answer, theta)
-    found: set[str] = set()
+    names: set[str] = set()
     for motion in answer.undetermined.T:
         change = np.abs(
             fields.measured(answer._replace(unknown=answer.unknown + motion), theta) - before
         )
         least = CHANGE_ROUND_OFF * max(change.max(initial=0.0), np.abs(before).max(initial=0.0))
         pairs = zip(functionals.items, functionals.places, strict=True)
-        found |= {item.name for item, place in pairs if change[place].max(initial=0.0) > least}
-    return found
+        names |= {
+            functional.name for functional, rows in pairs if change[rows].max(initial=0.0) > least
+        }
+    return names
 
 
 def undetermined_motions(answer: Any) -> str:
@@ -99,10 +101,10 @@ def undetermined_motions(answer: Any) -> str:
         moving = np.flatnonzero(sizes > CHANGE_ROUND_OFF * sizes.max())
         way = field[moving].mean(axis=0)
         shifted = np.abs(field[moving] - way).max() <= 1e-6 * sizes.max()
-        how = (
+        moves = (
             f"moves along {np.round(way / np.linalg.norm(way), 3).tolist()}" if shifted else "turns"
         )
-        words.append(f"{_moving_bodies(answer.fields.full, moving)} {how}")
+        words.append(f"{_moving_bodies(answer.fields.full, moving)} {moves}")
     return ", ".join(words)
 
 
@@ -114,8 +116,8 @@ def _moving_bodies(full: Any, nodes: np.ndarray) -> str:
     discretisation = getattr(full, "discretisation", None)
     if discretisation is None:
         return f"the body whose nodes have the numbers {nodes[0]} to {nodes[-1]} in the mesh"
-    inside = np.isin(full.problem.cell_nodes, nodes).all(axis=1)
-    tags = [full.scene.bodies[k].tag for k in np.unique(discretisation.cell_bodies()[inside])]
+    moving = np.isin(full.problem.cell_nodes, nodes).all(axis=1)
+    tags = [full.scene.bodies[k].tag for k in np.unique(discretisation.cell_bodies()[moving])]
     return f"body {', '.join(map(str, tags))}"
 
 
@@ -133,12 +135,22 @@ class RigidKernel:
     law: ContactLaw
     contact_of_motions: np.ndarray  #: G = B R, (m, r)
     loads: np.ndarray  #: along the motions, (r, 1 + T), the same for every stiffness
-    reshaped: bool = False  #: whether B, and with it G, depends on parameters
+    reshaped: bool = False  #: True if B, and with it G, depends on parameters
     _known: tuple[Stiffness, FloatingEqualities] | None = field(default=None, init=False)
 
     @classmethod
     def of(cls, scene: Scene, problem: ContactProblem, bodies: Sequence[FreeBody]) -> RigidKernel:
         """See :class:`~hhr_dolfinx.contact.kernel.Kernels`.
+
+        Args:
+            scene: scene of the bodies.
+            problem: contact problem of the full model.
+            bodies: bodies that contact alone holds.
+
+        Raises:
+            NotSolvableError: for a body without contact, and for a motion that loads drive and
+                nothing resists.
+            SceneError: for a law of contacts that does not solve for the motions.
 
         Warns:
             SceneWarning: of motions without resistance and without loads.
@@ -158,8 +170,8 @@ class RigidKernel:
                 )
         columns = [body.columns(len(problem.points)) for body in bodies]
         # bodies have no common nodes
-        motions = np.hstack([np.linalg.qr(part)[0] for part in columns])
-        owner = np.repeat(np.arange(len(columns)), [part.shape[1] for part in columns])
+        motions = np.hstack([np.linalg.qr(block)[0] for block in columns])
+        owner = np.repeat(np.arange(len(columns)), [block.shape[1] for block in columns])
         effect = problem.contact @ motions
         # appended zero rows give one singular value for each motion
         _, sizes, ways = np.linalg.svd(
@@ -188,7 +200,11 @@ class RigidKernel:
         return cls(rigid, idle, np.sort(pins), loose, law, *on_rows)
 
     def at(self, problem: ContactProblem) -> RigidKernel:
-        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`.
+
+        Raises:
+            NotOfferedError: if contact resists a motion at this shape and not at another.
+        """
         effect = problem.contact @ self.motions
         idle = np.abs(problem.contact @ self.idle).max(initial=0.0)
         if idle > ALMOST_NONE * np.sqrt(len(effect)) * problem.contact_norm:
@@ -227,17 +243,22 @@ class RigidKernel:
 
     def _equalities_on(self, stiffness: Stiffness) -> FloatingEqualities:
         """Equality problems on S; cached for the last stiffness."""
-        known = self._known
-        if known is None or known[0] is not stiffness:
+        cached = self._known
+        if cached is None or cached[0] is not stiffness:
             # in one assignment: several threads may call this
-            self._known = known = (
+            self._known = cached = (
                 stiffness,
                 FloatingEqualities(stiffness.schur, self.contact_of_motions),
             )
-        return known[1]
+        return cached[1]
 
     def exact(self, problem: ContactProblem, responses: Responses) -> FloatingElimination:
-        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`.
+
+        Args:
+            problem: contact problem of the full model.
+            responses: responses of the pinned bodies.
+        """
         taken = problem.contact @ self.motions
         driving = self.motions.T @ problem.loads
         return FloatingElimination(responses, taken, driving, self.motions, problem.amplitudes)
@@ -254,17 +275,29 @@ class RigidKernel:
         return np.flatnonzero(work.max(axis=1) > NO_WORK * work.max())
 
     def without(self, rows: Rows, fields: np.ndarray) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
-        own = rows.of(self.motions)
-        return fields - own @ rows.sum(own.T @ fields)
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`.
+
+        Args:
+            rows: rows of vectors that this rank has.
+            fields: fields, (N, k), of these rows.
+        """
+        motions = rows.of(self.motions)
+        return fields - motions @ rows.sum(motions.T @ fields)
 
     def first(self, rows: Rows, basis: np.ndarray) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
-        own = rows.of(self.motions)
-        if not own.shape[1]:
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`.
+
+        Args:
+            rows: rows of vectors that this rank has.
+            basis: modes, of these rows.
+        """
+        motions = rows.of(self.motions)
+        if not motions.shape[1]:
             return basis
-        others = rows.orthonormal(np.hstack([own, self.without(rows, basis)]))[0][:, own.shape[1] :]
-        return np.hstack([own, others])  # a QR may change the sign of the motions
+        deformations = rows.orthonormal(np.hstack([motions, self.without(rows, basis)]))[0][
+            :, motions.shape[1] :
+        ]
+        return np.hstack([motions, deformations])  # a QR may change the sign of the motions
 
     def balanced(
         self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem
@@ -274,6 +307,15 @@ class RigidKernel:
         All conditions that hold the bodies are in the RID, so all of their forces are included; K
         does no work along rigid motions. Cut off outside A, a motion would strain cells there, and
         forces would balance the projection error.
+
+        Args:
+            problem: contact problem of the full model.
+            basis: modes, of these rows.
+            sets: index sets of the RID.
+            reduced: projected problem.
+
+        Raises:
+            ReductionError: if a condition that holds a body is outside the RID.
         """
         r = reduced.motions
         motions = basis[:, :r]
@@ -294,14 +336,14 @@ class RigidKernel:
         forces[:r] = loads
         terms = reduced.terms
         if terms is not None:
-            parts = terms.stiffness.copy()
+            blocks = terms.stiffness.copy()
             lifts = terms.lifts.copy()
             sums = terms.forces.copy()
-            parts[:, :r] = 0.0
-            parts[:, :, :r] = 0.0
+            blocks[:, :r] = 0.0
+            blocks[:, :, :r] = 0.0
             lifts[:, :r] = 0.0
             sums[:r] = loads
-            terms = replace(terms, stiffness=parts, lifts=lifts, forces=sums)
+            terms = replace(terms, stiffness=blocks, lifts=lifts, forces=sums)
         return replace(reduced, stiffness=stiffness, contact_test=test, loads=forces, terms=terms)
 
 
@@ -322,37 +364,38 @@ def _round_turns(
     found_round = np.zeros(rigid.shape[1], dtype=bool)
     for body in found:
         fields = rigid.reshape(len(problem.points), problem.block_size, rigid.shape[1])[body.nodes]
-        own = np.flatnonzero(np.abs(fields).max(axis=(0, 1)) > ALMOST_NONE)
-        for place in own:
-            motion = fields[:, :, place]
+        indices = np.flatnonzero(np.abs(fields).max(axis=(0, 1)) > ALMOST_NONE)
+        for index in indices:
+            motion = fields[:, :, index]
             turning = np.abs(motion - motion.mean(axis=0)).max() > 0.5 * np.abs(motion).max()
-            if effects[place] >= ROUND_SURFACE_EFFECT * effects[own].max() or not (
-                turning or driven[place]
+            if effects[index] >= ROUND_SURFACE_EFFECT * effects[indices].max() or not (
+                turning or driven[index]
             ):
                 continue
-            found_round[place] = turning and not driven[place]
-            what = (
+            found_round[index] = turning and not driven[index]
+            consequence = (
                 "and no load drives: it is left at rest"
-                if not driven[place]
+                if not driven[index]
                 else "though loads drive it"
             )
             if turning:
                 moves = "turns"
-                why = (
+                reason = (
                     "are round only their facets do so, and turned far they open every gap. Hold "
                     "the turn"
                 )
             else:
                 along = motion.mean(axis=0) / np.abs(motion).max()
                 moves = f"moves along {rounded(np.round(along, 1))}"
-                why = (
+                reason = (
                     "are cylinders only their facets do so, and where it stops means nothing. "
                     "Hold the motion"
                 )
             warn(
                 f"{body.name} {moves}, which contact resists "
-                f"{effects[place] / effects[own].max():.1g} times as much as other motions of it, "
-                f"{what}. If its surfaces {why} by a displacement where that is not meant",
+                f"{effects[index] / effects[indices].max():.1g} times as much as other motions of "
+                f"it, {consequence}. If its surfaces {reason} by a displacement where that is "
+                "not meant",
                 SceneWarning,
             )
     return found_round
@@ -370,16 +413,16 @@ def _by_body(effect: np.ndarray, idle: np.ndarray, body: np.ndarray) -> np.ndarr
     _, group = connected_components(
         (np.abs(projector) > ALMOST_NONE) | (body[:, None] == body), directed=False
     )
-    found = []
+    combinations = []
     for number in np.unique(group):
-        own = np.flatnonzero(group == number)
-        kept = own.size - round(float(np.trace(projector[np.ix_(own, own)])))
-        part = np.zeros((len(body), kept))
+        indices = np.flatnonzero(group == number)
+        count = indices.size - round(float(np.trace(projector[np.ix_(indices, indices)])))
+        block = np.zeros((len(body), count))
         # appended zero rows give one singular value for each motion
-        padded = np.vstack([effect[:, own], np.zeros((own.size, own.size))])
-        part[own] = np.linalg.svd(padded, full_matrices=False)[2][:kept].T
-        found.append(part)
-    return np.hstack(found)
+        padded = np.vstack([effect[:, indices], np.zeros((indices.size, indices.size))])
+        block[indices] = np.linalg.svd(padded, full_matrices=False)[2][:count].T
+        combinations.append(block)
+    return np.hstack(combinations)
 
 
 def _driven(problem: ContactProblem, motions: np.ndarray, limits: np.ndarray) -> np.ndarray:
@@ -421,10 +464,10 @@ def _check_idle(found: Iterable[FreeBody], problem: ContactProblem, idle: np.nda
     for motion, loaded in zip(idle.T, driven, strict=True):
         texts = []
         for body in found:
-            own = motion.reshape(len(problem.points), -1)[body.nodes]
-            if np.abs(own).max() > ALMOST_NONE * np.abs(motion).max():
+            field = motion.reshape(len(problem.points), -1)[body.nodes]
+            if np.abs(field).max() > ALMOST_NONE * np.abs(motion).max():
                 flat = body.motions.reshape(len(body.motions), -1)
-                way = np.linalg.lstsq(flat.T, own.ravel(), rcond=None)[0]
+                way = np.linalg.lstsq(flat.T, field.ravel(), rcond=None)[0]
                 texts.append(f"{body.name} {body.described(way[None] / np.linalg.norm(way))}")
         text = " while ".join(texts)
         if loaded:

@@ -17,18 +17,15 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statuses
 from hhr_dolfinx.contact.law import UNILATERAL_STEP, StepContact
 from hhr_dolfinx.plugins.floating.statuses import (
+    BALANCED_FORCES,
     PROXIMAL_STEPS,
     FloatingEqualities,
     floating_set,
     open_motions,
 )
 
-BALANCED_MOTIONS = 1e-12
-"""Imbalance of the forces, relative to the largest, at which the search for motions ends."""
 BALANCE_ROUND_OFF = 1e-10
-"""The same at which it may end where one more step does not halve the imbalance: round-off of the
-law.
-"""
+"""Imbalance at which the search may end if one more step does not halve it: round-off of laws."""
 
 
 class LinearisedMotions:
@@ -54,26 +51,38 @@ class LinearisedMotions:
         self, contact: StepContact, free_slack: np.ndarray, residual: np.ndarray,
         unknown: Callable[[np.ndarray], np.ndarray], active: np.ndarray, pairs: Pairs | None,
     ) -> tuple[Statuses, np.ndarray]:  # fmt: skip
-        """Forces with their statuses, and the motion, (n,), under the slack of an unknown without
-        contact forces.
+        """Forces with their statuses, and the motion, under a slack without contact forces.
 
         Unilateral contact that leaves motions undetermined gets the least ones of the unknown under
         its forces.
+
+        Args:
+            contact: law of the contacts in this step.
+            free_slack: slack without contact forces, (m,).
+            residual: residual without contact forces, (n,).
+            unknown: function of the unknown under contact forces, without the motions.
+            active: statuses, (m,) bool.
+            pairs: contact pair of each condition; None for one pair.
+
+        Returns:
+            The statuses, and the motion, (n,).
         """
         driving = self.modes.T @ residual
         if contact is not UNILATERAL_STEP:
-            found, motions = self._by_springs(contact, free_slack, driving, active, pairs)
-            return found, self.modes @ motions
+            statuses, motions = self._by_springs(contact, free_slack, driving, active, pairs)
+            return statuses, self.modes @ motions
         equalities = self.equalities
-        found, motions = floating_set(equalities, free_slack, driving, active, pairs)
-        if found.status is Status.CONVERGED and self._open(found.forces, free_slack).shape[1]:
-            slack = free_slack + equalities.schur @ found.forces - self.contact_of_motions @ motions
-            own = self.modes.T @ unknown(found.forces) + motions
-            left = open_motions(equalities, found.forces, free_slack, slack, own)
-            if left is not None:
-                motions = motions + left.shift
-                found = found._replace(active=found.active & ~left.opened)
-        return found, self.modes @ motions
+        statuses, motions = floating_set(equalities, free_slack, driving, active, pairs)
+        if statuses.status is Status.CONVERGED and self._open(statuses.forces, free_slack).shape[1]:
+            slack = (
+                free_slack + equalities.schur @ statuses.forces - self.contact_of_motions @ motions
+            )
+            amplitudes = self.modes.T @ unknown(statuses.forces) + motions
+            open_ = open_motions(equalities, statuses.forces, free_slack, slack, amplitudes)
+            if open_ is not None:
+                motions = motions + open_.shift
+                statuses = statuses._replace(active=statuses.active & ~open_.opened)
+        return statuses, self.modes @ motions
 
     def _open(self, forces: np.ndarray, slack: np.ndarray) -> np.ndarray:
         """Amplitudes of the motions that unilateral forces leave undetermined, (r, d)."""
@@ -95,30 +104,37 @@ class LinearisedMotions:
         for compliance, held in self.equalities.springs:
             before = np.inf
             for _ in range(PROXIMAL_STEPS):
-                found = contact.solved(
+                statuses = contact.solved(
                     held,
                     free_slack - self.contact_of_motions @ (ends + compliance * driving),
                     active,
                     pairs,
                 )
-                spent += found.iterations
-                if found.status is not Status.CONVERGED:
-                    return found._replace(iterations=spent), ends
-                left = driving - found.forces @ self.contact_of_motions
-                ends = ends + compliance * left
-                active = found.active
-                sizes = np.abs(driving) + np.abs(found.forces) @ np.abs(self.contact_of_motions)
-                off = float((np.abs(left) / (sizes.max() or 1.0)).max())
-                if off <= BALANCED_MOTIONS or (off <= BALANCE_ROUND_OFF and not off < 0.5 * before):
-                    return found._replace(iterations=spent), ends
+                spent += statuses.iterations
+                if statuses.status is not Status.CONVERGED:
+                    return statuses._replace(iterations=spent), ends
+                imbalance = driving - statuses.forces @ self.contact_of_motions
+                ends = ends + compliance * imbalance
+                active = statuses.active
+                sizes = np.abs(driving) + np.abs(statuses.forces) @ np.abs(self.contact_of_motions)
+                off = float((np.abs(imbalance) / (sizes.max() or 1.0)).max())
+                if off <= BALANCED_FORCES or (off <= BALANCE_ROUND_OFF and not off < 0.5 * before):
+                    return statuses._replace(iterations=spent), ends
                 before = off
-        return found._replace(iterations=spent, status=Status.ADRIFT), ends
+        return statuses._replace(iterations=spent, status=Status.ADRIFT), ends
 
     def changed(
         self, residual: np.ndarray, free_slack: np.ndarray, active: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Forces, (m, K), and motions, (n, K), of changes by their residual and slack, at constant
-        statuses.
+        """Forces and motions of a small change at constant statuses.
+
+        Args:
+            residual: changes of the residual, (n, K).
+            free_slack: changes of the slack, (m, K).
+            active: statuses, (m,) bool.
+
+        Returns:
+            Forces, (m, K), and motions, (n, K).
         """
         forces, _, motions = self.equalities.several(active, free_slack, self.modes.T @ residual)
         return forces, self.modes @ motions
@@ -128,8 +144,11 @@ class LinearisedMotions:
     ) -> np.ndarray | None:
         """Motions, (n, d), that forces leave undetermined; None without any.
 
-        ``holding`` are the conditions that hold beside those with a pressure, such as tangential
-        rows; None for none.
+        Args:
+            forces: contact forces, (m,).
+            slack: slack under them, (m,).
+            holding: conditions that hold in addition to those with a pressure, such as tangential
+                rows, (m,) bool; None for none.
         """
         bearing = self.equalities.bearing(forces, slack)
         ways = self.equalities.left_open(bearing if holding is None else bearing | holding)

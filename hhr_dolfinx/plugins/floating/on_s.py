@@ -34,11 +34,11 @@ def compare_on_s(model: AnsweringModel) -> Comparison:
     """
     points = model.parameters.random(ON_S, seed=ON_S)
     many = model.solve_many(points, outside="ignore", raise_on_failure=False)
-    known = many.estimates()
+    estimates = many.estimates()
     rows = list[Row]()
     for k, (point, answered) in enumerate(zip(points, many.converged, strict=True)):
         errors = (math.inf, math.inf)
-        if answered and known is not None:
-            errors = float(known.primal_relative[k]), float(known.forces_euclid_relative[k])
+        if answered and estimates is not None:
+            errors = float(estimates.primal_relative[k]), float(estimates.forces_euclid_relative[k])
         rows.append((model.parameters.described(point), *errors))
     return Comparison.of(rows)

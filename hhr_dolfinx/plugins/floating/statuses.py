@@ -92,22 +92,27 @@ class FloatingEqualities:
         """
         both = np.concatenate([active, np.ones(driving.size, dtype=bool)])
         right = np.concatenate([free_slack, -self._units * driving])
-        found, slack = self._equalities(both, right)
+        solution, slack = self._equalities(both, right)
         m = active.size
-        left = right[both] + self._whole[np.ix_(both, both)] @ found[both]
+        residual = right[both] + self._whole[np.ix_(both, both)] @ solution[both]
         largest = np.abs(right).max(initial=1e-300)
-        held = np.abs(left).max() <= SINGULAR_EQUALITIES * largest
+        held = np.abs(residual).max() <= SINGULAR_EQUALITIES * largest
         # a singular system may have a solution to round-off, with motions of any size
         held = (
             held
-            and self._size * np.abs(found[m:]).max(initial=0.0) <= largest / SINGULAR_EQUALITIES
+            and self._size * np.abs(solution[m:]).max(initial=0.0) <= largest / SINGULAR_EQUALITIES
         )
-        if not held or not self.balanced(found[:m], driving).all():
+        if not held or not self.balanced(solution[:m], driving).all():
             raise SingularError("the conditions that touch do not hold all bodies")
-        return found[:m], slack[:m], self._units * found[m:]
+        return solution[:m], slack[:m], self._units * solution[m:]
 
     def bearing(self, forces: np.ndarray, free_slack: np.ndarray) -> np.ndarray:
-        """Conditions that bear a force above round-off, (m,) bool."""
+        """Conditions that bear a force above round-off, (m,) bool.
+
+        Args:
+            forces: contact forces, (m,).
+            free_slack: slack without contact forces, (m,).
+        """
         closing = np.abs(free_slack).max(initial=0.0) / self._size
         return forces > BEARING * forces.max(initial=0.0) + BEARING_OF_GAPS * closing
 
@@ -126,17 +131,21 @@ class FloatingEqualities:
         return np.linalg.qr(self._units[:, None] * ways)[0]
 
     def balanced(self, forces: np.ndarray, driving: np.ndarray, nothing: float = 0.0) -> np.ndarray:
-        """True for each motion along which forces, (m,), balance the loads, (r,), up to round-off:
-        (r,) bool.
+        """Mask of the motions along which forces balance the loads up to round-off, (r,) bool.
 
         Round-off is measured by all loads too: those along a motion may be far below those of a
         heavier body.
+
+        Args:
+            forces: contact forces, (m,).
+            driving: loads along the motions, (r,).
+            nothing: force that counts as none.
         """
         units = self._units
-        left = units * np.abs(driving - forces @ self.contact_of_motions)
+        imbalance = units * np.abs(driving - forces @ self.contact_of_motions)
         sizes = units * (np.abs(driving) + np.abs(forces) @ np.abs(self.contact_of_motions))
         return (
-            left
+            imbalance
             <= SINGULAR_EQUALITIES * sizes
             + BODY_BALANCE_ROUND_OFF * sizes.max(initial=0.0)
             + units * nothing
@@ -149,28 +158,35 @@ class FloatingEqualities:
         """
         push = (self.contact_of_motions**2).mean(axis=0)
         unit = self._size / np.where(push > 0, push, 1.0)
-        found = []
+        springs = []
         for compliance in (unit * weak for weak in SPRING_COMPLIANCES):
             held = self.schur + (self.contact_of_motions * compliance) @ self.contact_of_motions.T
-            found.append((compliance, SchurEqualities.of(held, LapackLU)))
-        return tuple(found)
+            springs.append((compliance, SchurEqualities.of(held, LapackLU)))
+        return tuple(springs)
 
     def several(
         self, active: np.ndarray, free_slacks: np.ndarray, drivings: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        """Forces, slacks, (m, k), and motions, (r, k), the smallest ones, for many right-hand
-        sides, (m, k), (r, k).
+        """Solutions of least motions for many right-hand sides.
+
+        Args:
+            active: statuses, (m,) bool.
+            free_slacks: slacks without contact forces, (m, k).
+            drivings: loads along the motions, (r, k).
+
+        Returns:
+            Forces and slacks, (m, k) each, and motions, (r, k).
         """
         both = np.concatenate([active, np.ones(len(drivings), dtype=bool)])
         right = np.concatenate([free_slacks, -self._units[:, None] * drivings])
-        found = np.zeros_like(right)
-        found[both] = -np.linalg.lstsq(
+        solution = np.zeros_like(right)
+        solution[both] = -np.linalg.lstsq(
             self._whole[np.ix_(both, both)], right[both], rcond=SINGULAR_EQUALITIES
         )[0]
         m = active.size
-        slacks = (right + self._whole @ found)[:m]
+        slacks = (right + self._whole @ solution)[:m]
         slacks[active] = 0.0
-        return found[:m], slacks, self._units[:, None] * found[m:]
+        return solution[:m], slacks, self._units[:, None] * solution[m:]
 
 
 class OpenMotions(NamedTuple):
@@ -196,7 +212,12 @@ def open_motions(
 ) -> OpenMotions | None:
     """Motions that no bearing condition resists; None if the forces determine all of them.
 
-    Forces, slack, (m,), and amplitudes of the orthonormal motions, (r,), are those of a solution.
+    Args:
+        equalities: equality problems on S with the motions.
+        forces: contact forces, (m,).
+        free_slack: slack without contact forces, (m,).
+        slack: slack of the solution, (m,).
+        motions: amplitudes of the orthonormal motions of the solution, (r,).
     """
     bearing = equalities.bearing(forces, free_slack)
     ways = equalities.left_open(bearing)
@@ -234,11 +255,11 @@ def _nearest(rows: np.ndarray, limits: np.ndarray, target: np.ndarray) -> np.nda
 
     # nnls of scipy 1.15 stops too early, and bvls where rows are opposite, as examples of the tests
     # show
-    found = point(lsq_linear(system, unit, bounds=(0.0, np.inf), method="bvls", tol=1e-15).x)
-    if (rows @ found - limits).max() <= SINGULAR_EQUALITIES * beyond.max():
-        return found
+    nearest = point(lsq_linear(system, unit, bounds=(0.0, np.inf), method="bvls", tol=1e-15).x)
+    if (rows @ nearest - limits).max() <= SINGULAR_EQUALITIES * beyond.max():
+        return nearest
     return min(
-        found, point(nnls(system, unit)[0]), key=lambda one: float((rows @ one - limits).max())
+        nearest, point(nnls(system, unit)[0]), key=lambda one: float((rows @ one - limits).max())
     )
 
 
@@ -249,9 +270,17 @@ def floating_set(
     start: np.ndarray,
     pairs: Pairs | None = None,
 ) -> tuple[Statuses, np.ndarray]:
-    """Statuses, see :func:`active_set`, and motions, (r,).
+    """Active set with rigid motions, see :func:`active_set`.
 
-    ADRIFT if ``driving``, loads along them, meet no contact.
+    Args:
+        equalities: equality problems on S with the motions.
+        free_slack: slack without contact forces, (m,).
+        driving: loads along the motions, (r,).
+        start: statuses to start from, (m,) bool.
+        pairs: contact pair of each condition; None for one pair.
+
+    Returns:
+        The statuses, ADRIFT if loads along the motions meet no contact, and the motions, (r,).
     """
     direct = _direct(equalities, free_slack, driving, start, pairs)
     if direct is not None:
@@ -269,17 +298,19 @@ def floating_set(
         spring for spring in equalities.springs for _ in range(PROXIMAL_STEPS)
     ):
         offset = ends + compliance * driving
-        found = active_set(sprung, free_slack - contact_of_motions @ offset, active, pairs=pairs)
-        spent += found.iterations
-        if found.status is not Status.CONVERGED:
-            return found._replace(iterations=spent, cycled=True), ends
-        left = driving - found.forces @ contact_of_motions
-        ends = ends + compliance * left
-        active = found.active
-        largest = (np.abs(driving) + found.forces @ np.abs(contact_of_motions)).max()
-        close = np.abs(left) <= BALANCED_FORCES * largest + nothing
-        if (close & equalities.balanced(found.forces, driving, nothing)).all():
-            return found._replace(iterations=spent, cycled=True), ends
+        sprung_set = active_set(
+            sprung, free_slack - contact_of_motions @ offset, active, pairs=pairs
+        )
+        spent += sprung_set.iterations
+        if sprung_set.status is not Status.CONVERGED:
+            return sprung_set._replace(iterations=spent, cycled=True), ends
+        imbalance = driving - sprung_set.forces @ contact_of_motions
+        ends = ends + compliance * imbalance
+        active = sprung_set.active
+        largest = (np.abs(driving) + sprung_set.forces @ np.abs(contact_of_motions)).max()
+        close = np.abs(imbalance) <= BALANCED_FORCES * largest + nothing
+        if (close & equalities.balanced(sprung_set.forces, driving, nothing)).all():
+            return sprung_set._replace(iterations=spent, cycled=True), ends
         direct = _direct(equalities, free_slack, driving, active, pairs)
         if direct is not None:
             statuses, ends = direct
@@ -300,9 +331,9 @@ def _direct(
         return equalities(active, slack, driving)[:2]
 
     try:
-        found = active_set(equality, free_slack, start, pairs=pairs)
-        if found.status is not Status.CONVERGED or found.cycled:
+        statuses = active_set(equality, free_slack, start, pairs=pairs)
+        if statuses.status is not Status.CONVERGED or statuses.cycled:
             return None
-        return found, equalities(found.active, free_slack, driving)[2]
+        return statuses, equalities(statuses.active, free_slack, driving)[2]
     except SingularError:
         return None

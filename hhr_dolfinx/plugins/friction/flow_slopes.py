@@ -52,7 +52,16 @@ class SlidingSlopes:
         way: np.ndarray,
         seconds: float,
     ) -> ContactChange:
-        """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`."""
+        """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`.
+
+        Args:
+            linear: linearisation of the step.
+            answer: answer at the end of the step.
+            slack: slack of all rows at its end, (m,).
+            right: derivatives of residual and gaps at a given unknown, (n, K) and (m, K).
+            way: directions of the parameter, (P, K).
+            seconds: duration of the step, which Coulomb's law does not read.
+        """
         with linear.held():
             friction = self._friction
             rows = friction.tangential
@@ -66,20 +75,20 @@ class SlidingSlopes:
             slack[rows] -= self._surface.position(self._slip)
             slack[answer.active] = 0.0
             forces = answer.multipliers
-            found = Sliding(forces, answer.active, slack, NO_MOTIONS, 0, 0, Status.CONVERGED)
+            solution = Sliding(forces, answer.active, slack, NO_MOTIONS, 0, 0, Status.CONVERGED)
             coefficients, limits = friction.bounds(answer.parameter)
-            given = SlidingIncrement(
+            loads = SlidingIncrement(
                 slack - contact.schur @ forces, coefficients, limits, NO_MOTIONS
             )
             free = columnwise(linear.solve, residual)
             opened = linear.slack_of(gaps, free)
             opened[rows] -= self._position
-            coefficient, limit = (part @ way for part in friction.bound_slopes(answer.parameter))
-            pushed, moved = contact.changes(given, found, opened, (coefficient, limit), driving)
+            coefficient, limit = (slope @ way for slope in friction.bound_slopes(answer.parameter))
+            pushed, moved = contact.changes(loads, solution, opened, (coefficient, limit), driving)
             opened = opened + contact.schur @ pushed - contact.contact_of_motions @ moved
             opened[answer.active] = 0.0
             self._position = self._position + opened[rows]  # none where contacts stick
             self._slip = answer.memory[SLIP]
             unknown = free - columnwise(linear.push, pushed)
             unknown = unknown if loose is None else unknown + loose.modes @ moved
-            return ContactChange(unknown, pushed, opened, contact.grazing(given, found))
+            return ContactChange(unknown, pushed, opened, contact.grazing(loads, solution))

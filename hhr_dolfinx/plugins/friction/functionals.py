@@ -25,8 +25,8 @@ class Remembered(Functional):
         """Value up to the time of the answer."""
         if SLIP not in state.memory:
             return 0.0
-        own = self.factor * getattr(state.memory[SLIP], self.quantity)[self.contacts]
-        return float(own.max() if self.largest else own.sum())
+        amounts = self.factor * getattr(state.memory[SLIP], self.quantity)[self.contacts]
+        return float(amounts.max() if self.largest else amounts.sum())
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,11 @@ from hhr_dolfinx.formulas import Scalar, check_over_box, formula_of
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import Rebuilt
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+    from hhr_dolfinx.contact.law import PairLaw
 
 OPEN, STICKS, SLIPS = 0, 1, 2
 """Statuses of a contact with friction."""
@@ -48,9 +53,13 @@ class FrictionLaw(Rebuilt):
     limit: Scalar | None
 
     @classmethod
-    def of(cls, law: Any, space: ParameterSpace, what: str) -> FrictionLaw:
-        """Law over the parameter range of a scene, of a user's ``Coulomb`` or ``Tresca`` for a
-        pair, ``what``.
+    def of(cls, law: PairLaw, space: ParameterSpace, what: str) -> FrictionLaw:
+        """Law of a pair over the parameter range of a scene.
+
+        Args:
+            law: user's ``Coulomb`` or ``Tresca``.
+            space: box of the parameters.
+            what: pair, for messages.
 
         Raises:
             SceneError: if a constant is negative or not finite somewhere in the range, or names an
@@ -83,9 +92,16 @@ Answers had the same digits for coefficients from 1e3 to 1e12.
 
 
 def check_finite(value: object, name: str, called: str, names: tuple[str, ...] = ()) -> None:
-    """Raise SceneError for an infinite number or a text for it, with its remedy.
+    """Refuse an infinite number, or a text for it, with its remedy.
 
-    ``names`` are those of parameters.
+    Args:
+        value: number or text.
+        name: constant of the law.
+        called: description of the value, for messages.
+        names: names of the parameters, which are no infinite numbers.
+
+    Raises:
+        SceneError: for an infinite value.
     """
     if isinstance(value, str):
         infinite = value.strip().lower() in ENDLESS and value.strip() not in names
@@ -196,14 +212,18 @@ class Friction(ContactLaw, Rebuilt):
         """See :class:`ContactLaw`: all except tangential ones of corners."""
         return ~np.isin(np.arange(count), self.twice)
 
-    def kept_with(self, inside: np.ndarray, contact: Any) -> np.ndarray:
+    def kept_with(self, inside: np.ndarray, contact: csr_matrix) -> np.ndarray:
         """See :class:`ContactLaw`: tangential forces that act on no unknown are kept with their
         pressures.
+
+        Args:
+            inside: conditions in the RID, (m,) bool.
+            contact: rows of B, (m, N).
         """
-        found = inside.copy()
+        mask = inside.copy()
         idle = np.diff(contact.indptr)[self.tangential] == 0
-        found[self.tangential[idle]] = inside[self.normal[self.owner[idle]]]
-        return found
+        mask[self.tangential[idle]] = inside[self.normal[self.owner[idle]]]
+        return mask
 
     def parts(self) -> list[Any]:
         """See :class:`ContactLaw`."""
@@ -226,13 +246,19 @@ class Friction(ContactLaw, Rebuilt):
             yield f"tangents of friction have {self.tangents.shape[1]} components, not {dimension}"
 
     def check_path(self, space: ParameterSpace, points: np.ndarray) -> None:
-        """Refuse a path along which bodies change their shape, with ParameterError: slip is
-        measured on one.
+        """Refuse a path along which bodies change their shape: slip is measured on one.
+
+        Args:
+            space: box of the parameters.
+            points: parameters of the path, (steps, P).
+
+        Raises:
+            ParameterError: for such a path.
         """
-        for place in self.shaped.tolist():
-            if np.ptp(points[:, place]) > 0:
+        for index in self.shaped.tolist():
+            if np.ptp(points[:, index]) > 0:
                 raise ParameterError(
-                    f"{space.names[place]} changes along the path, and the shape of bodies "
+                    f"{space.names[index]} changes along the path, and the shape of bodies "
                     "depends on it: what slips is measured on one shape. Keep it as it is along "
                     "the path"
                 )
@@ -274,10 +300,10 @@ class Friction(ContactLaw, Rebuilt):
         Zero for infinite bounds.
         """
         nothing = np.zeros(point.size)
-        found = [
+        derivatives = [
             nothing if scalar is None else scalar.derivative(point) for scalar in self._scalars
         ]
-        slopes = np.array(found).reshape(len(self.laws), 2, point.size)
+        slopes = np.array(derivatives).reshape(len(self.laws), 2, point.size)
         return slopes[self.law, 0], slopes[self.law, 1] * self.area[:, None]
 
     def lengths(self, tangential: np.ndarray) -> np.ndarray:
@@ -287,19 +313,25 @@ class Friction(ContactLaw, Rebuilt):
     def limited(
         self, forces: np.ndarray, changes: np.ndarray, fitted: np.ndarray, point: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See :class:`ContactLaw`: tangential forces up to their bound.
+        """Tangential forces up to their bound, see :class:`ContactLaw`.
 
         Contacts well below it stick.
+
+        Args:
+            forces: forces of all rows, (M,).
+            changes: derivatives of the forces, (M, P), or none.
+            fitted: rows whose forces are fitted, (M,) bool.
+            point: parameter, (P,).
         """
         rows = self.tangential
         coefficient, limit = self.bounds(point)
-        found = forces.copy()
+        bounded = forces.copy()
         slopes = changes
         pressure = forces[self.normal]
         size = self.lengths(forces[rows])
         admitted = bounds(coefficient, limit, pressure)
         beyond = fitted[self.normal] & (size > admitted)
-        found[rows] *= np.divide(admitted, size, out=np.ones(size.size), where=beyond)[self.owner]
+        bounded[rows] *= np.divide(admitted, size, out=np.ones(size.size), where=beyond)[self.owner]
         if changes.shape[1]:
             of_coefficient, of_limit = self.bound_slopes(point)
             with np.errstate(invalid="ignore"):  # of Tresca's law, which has no coefficient
@@ -310,10 +342,10 @@ class Friction(ContactLaw, Rebuilt):
             slopes = self._scaled(
                 forces, changes, beyond, admitted / np.where(size > 0, size, 1.0), of_bound
             )
-        active = found > 0
-        sticks = active[self.normal] & (self.lengths(found[rows]) < (1.0 - SLIPPING) * admitted)
+        active = bounded > 0
+        sticks = active[self.normal] & (self.lengths(bounded[rows]) < (1.0 - SLIPPING) * admitted)
         active[rows] = sticks[self.owner]
-        return found, slopes, active
+        return bounded, slopes, active
 
     def _scaled(
         self,
@@ -347,7 +379,8 @@ class Friction(ContactLaw, Rebuilt):
     def within(self, conditions: np.ndarray) -> Friction:
         """Friction of some conditions, (m,), in their order there.
 
-        ValueError if a contact lacks some of its rows.
+        Raises:
+            ValueError: if a contact lacks some of its rows.
         """
         contacts = np.isin(self.normal, conditions)
         rows = np.isin(self.tangential, conditions)
@@ -379,6 +412,11 @@ def bounds(coefficient: np.ndarray, limit: np.ndarray, forces: np.ndarray) -> np
     """min(coefficient max(0, pressure), limit).
 
     An infinite coefficient gives the limit at any pressure.
+
+    Args:
+        coefficient: coefficient of each contact, (C,).
+        limit: upper bound of each, (C,).
+        forces: pressure of each, (C,).
     """
     with np.errstate(invalid="ignore"):
         carried = coefficient * np.maximum(forces, 0.0)
@@ -432,12 +470,18 @@ class SlipState(NamedTuple):
         active: np.ndarray,
         bound: np.ndarray,
     ) -> SlipState:
-        """State after an increment, with forces, slack and statuses of all rows, (M,) each, and the
-        bounds then, (C,).
+        """State after an increment.
 
         Tangential slack is the slip of the increment. Bounds and pressures are averaged over it,
         which is exact for proportional growth; a contact that opens has slipped half of the
         increment while closed.
+
+        Args:
+            friction: friction of the rows.
+            forces: forces of all rows, (M,).
+            slack: slacks of all rows, (M,).
+            active: statuses of all rows, (M,) bool.
+            bound: bounds at its end, (C,).
         """
         slip = slack[friction.tangential]
         count = friction.normal.size

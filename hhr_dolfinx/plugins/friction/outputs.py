@@ -45,7 +45,11 @@ class Torque(OfContact):
             )
 
     def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
+        """Functional of this output, see :class:`Output`.
+
+        Raises:
+            SceneError: for an axis that does not fit the scene.
+        """
         conditions = probe.conditions(self)
         dim = probe.dimension
         points = probe.problem.contact_points[conditions]
@@ -88,9 +92,9 @@ class FrictionForce(OfContact):
         """Functional of this output, see :class:`Output`."""
         _, friction = _sliding(self, probe)
         conditions, points, forces = probe.nodal_forces(self)
-        own = np.isin(conditions, friction.tangential)
+        tangential = np.isin(conditions, friction.tangential)
         along = np.tile(unit_vector(self, "direction", probe.dimension), len(points))
-        return Linear.of(self.name, self.unit, conditions[own], (forces @ along)[own])
+        return Linear.of(self.name, self.unit, conditions[tangential], (forces @ along)[tangential])
 
 
 @dataclass(frozen=True)
@@ -103,14 +107,14 @@ class _Accumulated(OfContact):
     largest: ClassVar[bool] = True
 
     def prepared(self, probe: ModelProbe) -> Functional:
-        own, friction = _sliding(self, probe)
+        contacts, friction = _sliding(self, probe)
         factor = float(getattr(self, "constant", 1.0))
-        given = self.name, self.unit, *no_rows(), own, self.quantity, factor, self.largest
-        shares = probe.problem.shares_of(self.contact)[friction.normal[own]]
+        arguments = self.name, self.unit, *no_rows(), contacts, self.quantity, factor, self.largest
+        shares = probe.problem.shares_of(self.contact)[friction.normal[contacts]]
         return (
-            Remembered(*given)
+            Remembered(*arguments)
             if self.largest or (shares == 1.0).all()
-            else RememberedShare(*given, shares)
+            else RememberedShare(*arguments, shares)
         )
 
 
@@ -161,9 +165,12 @@ class StickArea(OfContact):
 
     def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
-        own, friction = _sliding(self, probe)
-        areas = friction.area[own] * probe.problem.shares_of(self.contact)[friction.normal[own]]
-        return StatusArea(self.name, self.unit, *no_rows(), own, areas, self.sticks)
+        contacts, friction = _sliding(self, probe)
+        areas = (
+            friction.area[contacts]
+            * probe.problem.shares_of(self.contact)[friction.normal[contacts]]
+        )
+        return StatusArea(self.name, self.unit, *no_rows(), contacts, areas, self.sticks)
 
 
 @dataclass(frozen=True)
@@ -180,9 +187,9 @@ def _sliding(output: OfContact, probe: ModelProbe) -> tuple[np.ndarray, Friction
     """
     friction = probe.problem.law.of("friction")
     if isinstance(friction, Friction):
-        own = np.flatnonzero(np.isin(friction.normal, probe.conditions(output)))
-        if own.size:
-            return own, friction
+        contacts = np.flatnonzero(np.isin(friction.normal, probe.conditions(output)))
+        if contacts.size:
+            return contacts, friction
     raise SceneError(
         f"output '{output.name}': contact {output.contact} has no friction: give its pair one, "
         "friction=0.3"

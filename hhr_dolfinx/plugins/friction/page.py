@@ -21,13 +21,21 @@ class _Page:
     range_header = _FOLDER / "friction_range.h"
 
     def tree(self, law: Friction, arrays: Packed) -> dict[str, Any]:
+        """Arrays of friction for a page, see :class:`~hhr_dolfinx.plugins.pages.laws.LawOnPage`.
+
+        Args:
+            law: friction of the conditions.
+            arrays: arrays of the page, to which those of the law are added.
+        """
         tree: dict[str, Any] = {
             name: arrays.put(f"friction_{name}", getattr(law, name), "<i4")
             for name in ("normal", "tangential", "owner", "law", "twice")
         }
         tree["area"] = arrays.put("friction_area", law.area)
         tree["tangents"] = arrays.put("friction_tangents", law.tangents)
-        tree["laws"] = [[steps_of(item.coefficient), steps_of(item.limit)] for item in law.laws]
+        tree["laws"] = [
+            [steps_of(pair_law.coefficient), steps_of(pair_law.limit)] for pair_law in law.laws
+        ]
         return tree
 
 

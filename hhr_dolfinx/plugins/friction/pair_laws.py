@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
     from hhr_dolfinx.contact.rows import ContactRows
+    from hhr_dolfinx.scene import Scene
 
 
 class _Tangential(KnownArguments, PairLaw):
@@ -34,11 +35,17 @@ class _Tangential(KnownArguments, PairLaw):
 
     @property
     def words(self) -> str:
-        parts = [] if self.coefficient is None else [f"friction {self.coefficient}"]
-        parts += [] if self.limit is None else [f"shear stress up to {self.limit}"]
-        return ", ".join(parts)
+        texts = [] if self.coefficient is None else [f"friction {self.coefficient}"]
+        texts += [] if self.limit is None else [f"shear stress up to {self.limit}"]
+        return ", ".join(texts)
 
-    def check(self, scene: Any, what: str) -> None:
+    def check(self, scene: Scene, what: str) -> None:
+        """Warn of a coefficient that looks like an angle or a percentage, see :class:`PairLaw`.
+
+        Args:
+            scene: scene of the pair.
+            what: pair of the law, for messages.
+        """
         coefficient = FrictionLaw.of(self, scene.parameters, what).coefficient
         if (
             coefficient is not None
@@ -59,18 +66,29 @@ class _Tangential(KnownArguments, PairLaw):
     def attached(
         cls,
         laws: Mapping[int, Law],
-        scene: Any,
+        scene: Scene,
         rows: ContactRows,
         pairs: np.ndarray,
         free: np.ndarray,
         lifts: csc_matrix,
         mesh: MeshArrays,
     ) -> tuple[ContactRows, np.ndarray, Friction]:
+        """Append the tangential rows of the pairs, see :class:`PairLaw`.
+
+        Args:
+            laws: laws by pair.
+            scene: scene of the contacts.
+            rows: conditions of the pressures.
+            pairs: contact pair of each of them, (n,).
+            free: dofs that are not imposed, (N,) bool.
+            lifts: imposed displacements, (N, 1 + T).
+            mesh: nodes and cells.
+        """
         from hhr_dolfinx.plugins.friction.tangents import Mesh, with_tangents
 
-        own = {
-            place: FrictionLaw.of(law, scene.parameters, f"contact {place}")
-            for place, law in laws.items()
+        friction_laws = {
+            pair: FrictionLaw.of(law, scene.parameters, f"contact {pair}")
+            for pair, law in laws.items()
         }
         shaped: set[str] = set().union(*(shape.variables for shape in scene.shapes))
 
@@ -80,7 +98,14 @@ class _Tangential(KnownArguments, PairLaw):
             )
 
         return with_tangents(
-            rows, pairs, own, free, lifts, places(scene.named), places(shaped), Mesh(*mesh)
+            rows,
+            pairs,
+            friction_laws,
+            free,
+            lifts,
+            places(scene.named),
+            places(shaped),
+            Mesh(*mesh),
         )
 
 
@@ -147,6 +172,10 @@ def law_of(friction: Any, what: str) -> Law | None:
     """Law for the friction that a user gave for a pair: None, a law, or the coefficient of
     Coulomb's law.
 
+    Args:
+        friction: None, a law, or the coefficient of Coulomb's law.
+        what: pair of the law, for messages.
+
     Raises:
         SceneError: for anything else.
     """
@@ -172,6 +201,13 @@ class _Deck:
     def lines(
         self, law: Law, number: Callable[[float | str], float], penalty: float
     ) -> Iterator[str]:
+        """Lines of the law in a deck of CalculiX.
+
+        Args:
+            law: law of the pair.
+            number: function that evaluates a number or a formula.
+            penalty: stiffness of the pressure.
+        """
         coefficient = 0.0 if law.coefficient is None else number(law.coefficient)
         if coefficient > 0.0:  # CalculiX refuses zero
             yield from ("*FRICTION", f"{coefficient:.6g}, {STICK * penalty:.6e}")

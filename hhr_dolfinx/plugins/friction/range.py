@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from hhr_dolfinx.plugins.friction.sliding_set import STIFFNESS_FACTORS, elastic_
 from hhr_dolfinx.plugins.friction.surfaces import FarSliding
 from hhr_dolfinx.plugins.friction.uniqueness import coupling
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.contact_laws.range_increments import RangeState
+
 
 class FrictionRange(RangeSolver):
     """Friction of the conditions of a range."""
@@ -34,46 +37,71 @@ class FrictionRange(RangeSolver):
 
     def compliance(self, diagonal: np.ndarray) -> np.ndarray:
         """Elastic slip of rows that leave their forces undetermined."""
-        found = np.zeros(diagonal.size)
-        found[self.law.twice] = elastic_slip(diagonal, self.law)
-        return found
+        compliance = np.zeros(diagonal.size)
+        compliance[self.law.twice] = elastic_slip(diagonal, self.law)
+        return compliance
 
     def at_rest(self) -> Memory:
         """No slip."""
         return Memory(slip=SlipState.at_rest(self.law))
 
-    def step(self, before: Mapping[str, Any], point: np.ndarray, seconds: float) -> FrictionStep:
-        """One increment."""
+    def step(self, before: Memory, point: np.ndarray, seconds: float) -> FrictionStep:
+        """One increment.
+
+        Args:
+            before: memory at its start.
+            point: parameter at its end, (P,).
+            seconds: its duration, which friction does not read.
+        """
         return FrictionStep(self.law, before[SLIP], point)
 
     def difference(
-        self, off: float, ends: Sequence[Any], rows: np.ndarray, largest: float
+        self, off: float, ends: Sequence[RangeState], rows: np.ndarray, largest: float
     ) -> float:
         """As that of :class:`~hhr_dolfinx.plugins.friction.slider.Slider`, of the contacts of the
         range.
+
+        Args:
+            off: error of the forces of the rows, relative to ``largest``.
+            ends: states at the start, after the first half, after the second, and after the whole
+                step.
+            rows: numbers of the rows among all conditions, (k,).
+            largest: largest norm of the forces so far.
         """
-        own = self.law
+        friction = self.law
         held = []
         for before, after in pairwise(ends[:3]):
-            gap = before.slack[rows[own.normal]]
+            gap = before.slack[rows[friction.normal]]
             closed = after.memory[SLIP].pressure > 0
             closed &= gap > OPEN_GAP * np.abs(gap).max(initial=0.0)
-            held.append(np.linalg.norm(after.forces[rows[own.tangential]][closed[own.owner]]))
-        _, _, second, whole = ends
+            held.append(
+                np.linalg.norm(after.forces[rows[friction.tangential]][closed[friction.owner]])
+            )
+        _, _, second, undivided = ends
         work = float(second.memory[SLIP].work.sum())
-        change = abs(work - float(whole.memory[SLIP].work.sum()))
+        change = abs(work - float(undivided.memory[SLIP].work.sum()))
         return max(
             off + float(np.linalg.norm(held)) / largest,
             change / (work + WORK * second.energy or 1.0),
         )
 
-    def check(self, memory: Mapping[str, Any], place: str) -> None:
-        """Check the sliding distance."""
+    def check(self, memory: Memory, place: str) -> None:
+        """Check the sliding distance.
+
+        Args:
+            memory: memory at the end of a step.
+            place: description of the point, for messages.
+        """
         self._far.check(self.law, memory[SLIP], place)
 
     def coupling(self, schur: np.ndarray, rows: np.ndarray, point: np.ndarray) -> float:
         """See :mod:`.uniqueness`, on the whole S: monotone laws of other rows only add to the
         left-hand side.
+
+        Args:
+            schur: S, (M, M).
+            rows: numbers of the rows among all conditions, (k,).
+            point: parameter, (P,).
         """
         coefficient, _ = self.law.bounds(point)
         return coupling(schur, self.law.among(rows), coefficient)
@@ -120,20 +148,20 @@ class FrictionStep(RangeStep):
     def _at(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
     ) -> _At:
-        own = self.friction
-        rows = own.tangential
-        pressures = own.normal
+        friction = self.friction
+        rows = friction.tangential
+        pressures = friction.normal
         least = np.full(pressures.size, np.inf)
-        np.minimum.at(least, own.owner, stiffness[rows])
+        np.minimum.at(least, friction.owner, stiffness[rows])
         c = stiffness.copy()
-        c[rows] = least[own.owner]
+        c[rows] = least[friction.owner]
         normal = self.under.linearised(forces[pressures], slack[pressures], c[pressures], attempt)
         borne = forces[pressures] - normal.off
         bound = bounds(self.coefficient, self.limit, borne)
         probed = forces[rows] - STIFFNESS_FACTORS[attempt] * c[rows] * slack[rows]
-        size = own.lengths(probed)
+        size = friction.lengths(probed)
         bears = (bound > 0) | (borne > 0)
-        direction = probed / np.where(size > 0, size, 1.0)[own.owner]
+        direction = probed / np.where(size > 0, size, 1.0)[friction.owner]
         return _At(
             c, normal, bound, bound >= self.limit, bears, bears & (size > bound), direction, size
         )
@@ -141,14 +169,21 @@ class FrictionStep(RangeStep):
     def linearised(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
     ) -> Linearised:
-        """Newton's rows for the projection on the disc, see :mod:`.sliding_system`."""
-        own = self.friction
-        rows = own.tangential
-        pressures = own.normal
-        owner = own.owner
+        """Newton's rows for the projection on the disc, see :mod:`.sliding_system`.
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
+            attempt: number of the way to choose statuses; 1 gives those of the residual.
+        """
+        friction = self.friction
+        rows = friction.tangential
+        pressures = friction.normal
+        owner = friction.owner
         at = self._at(forces, slack, stiffness, attempt)
         y = forces[rows] - at.stiffness[rows] * slack[rows]
-        trial = own.lengths(y)
+        trial = friction.lengths(y)
         share = np.divide(at.bound, trial, out=np.ones(trial.size), where=trial > at.bound)
         off, on_forces, on_slack, right = np.zeros((4, forces.size))
         for values, own_part in zip((off, on_forces, on_slack, right), at.normal, strict=False):
@@ -196,58 +231,89 @@ class FrictionStep(RangeStep):
         if normal.coupling is None:
             return beside
         rows, columns, *entries = normal.coupling
-        own = self.friction.normal[rows], self.friction.normal[columns], *entries
-        return OffDiagonal(*(np.concatenate(pair) for pair in zip(beside, own, strict=True)))
+        of_pressures = self.friction.normal[rows], self.friction.normal[columns], *entries
+        return OffDiagonal(
+            *(np.concatenate(pair) for pair in zip(beside, of_pressures, strict=True))
+        )
 
     def after(self, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> Memory:
-        """Slip at the end."""
-        own = self.friction
-        bound = bounds(self.coefficient, self.limit, forces[own.normal])
-        slip = self.before.after(own, forces, np.where(active, 0.0, slack), active, bound)
-        normal = self.under.after(forces[own.normal], slack[own.normal], active[own.normal])
+        """Slip at the end.
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            active: rows that touch or stick, (k,) bool.
+        """
+        friction = self.friction
+        bound = bounds(self.coefficient, self.limit, forces[friction.normal])
+        slip = self.before.after(friction, forces, np.where(active, 0.0, slack), active, bound)
+        normal = self.under.after(
+            forces[friction.normal], slack[friction.normal], active[friction.normal]
+        )
         return Memory(slip=slip) | normal
 
     def slopes(self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-        """By coefficient and limit, (k, P)."""
-        own = self.friction
+        """Derivatives of the residual by coefficient and limit, (k, P).
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
+        """
+        friction = self.friction
         at = self._at(forces, slack, stiffness, 1)
-        coefficient, limit = own.bound_slopes(self.point)
-        pressure = np.maximum(forces[own.normal] - at.normal.off, 0.0)[:, None]
-        grown = np.where(at.limited[:, None], limit, coefficient * pressure)[own.owner]
-        found = np.zeros((forces.size, grown.shape[1]))
-        found[own.tangential] = np.where(at.slips[own.owner], -at.direction, 0.0)[:, None] * grown
-        found[own.normal] = self.under.slopes(
-            forces[own.normal], slack[own.normal], at.stiffness[own.normal]
+        coefficient, limit = friction.bound_slopes(self.point)
+        pressure = np.maximum(forces[friction.normal] - at.normal.off, 0.0)[:, None]
+        grown = np.where(at.limited[:, None], limit, coefficient * pressure)[friction.owner]
+        slopes = np.zeros((forces.size, grown.shape[1]))
+        slopes[friction.tangential] = (
+            np.where(at.slips[friction.owner], -at.direction, 0.0)[:, None] * grown
         )
-        return found
+        slopes[friction.normal] = self.under.slopes(
+            forces[friction.normal], slack[friction.normal], at.stiffness[friction.normal]
+        )
+        return slopes
 
     def carried(
         self, before: np.ndarray, forces: np.ndarray, slack: np.ndarray, active: np.ndarray
     ) -> np.ndarray:
         """The shift is minus the position, which grows by the slip, a slack that has the shift in
         it.
+
+        Args:
+            before: derivatives of the shift, (k, P).
+            forces: derivatives of the forces, (k, P).
+            slack: derivatives of the slacks, (k, P).
+            active: rows that touch or stick, (k,) bool.
         """
-        own = self.friction
-        found = before.copy()
-        found[own.tangential] -= np.where(active[own.tangential, None], 0.0, slack[own.tangential])
-        of_pressures = (part[own.normal] for part in (before, forces, slack, active))
-        found[own.normal] = self.under.carried(*of_pressures)
-        return found
+        friction = self.friction
+        changes = before.copy()
+        changes[friction.tangential] -= np.where(
+            active[friction.tangential, None], 0.0, slack[friction.tangential]
+        )
+        of_pressures = (values[friction.normal] for values in (before, forces, slack, active))
+        changes[friction.normal] = self.under.carried(*of_pressures)
+        return changes
 
     def grazing(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, near: float
     ) -> np.ndarray:
-        """Pressures about to open or to close, and contacts about to stick or to slip."""
-        own = self.friction
+        """Mask of pressures about to open or to close, and of contacts about to stick or to slip.
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
+            near: force below which a row counts as at a kink.
+        """
+        friction = self.friction
         at = self._at(forces, slack, stiffness, 1)
-        found = np.zeros(forces.size, dtype=bool)
-        normal = own.normal
-        found[normal] = self.under.grazing(
-            forces[normal], slack[normal], at.stiffness[normal], near
-        )
-        slip = own.lengths(at.stiffness[own.tangential] * slack[own.tangential])
+        mask = np.zeros(forces.size, dtype=bool)
+        normal = friction.normal
+        mask[normal] = self.under.grazing(forces[normal], slack[normal], at.stiffness[normal], near)
+        slip = friction.lengths(at.stiffness[friction.tangential] * slack[friction.tangential])
         close = np.where(
-            at.slips, slip <= near, own.lengths(forces[own.tangential]) >= at.bound - near
+            at.slips, slip <= near, friction.lengths(forces[friction.tangential]) >= at.bound - near
         )
-        found[own.tangential] = (close & at.bears)[own.owner]
-        return found
+        mask[friction.tangential] = (close & at.bears)[friction.owner]
+        return mask

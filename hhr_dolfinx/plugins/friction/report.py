@@ -19,6 +19,11 @@ class _Report:
         status.
 
         The status is 0 if contact is open or without friction, 1 if it sticks, 2 if it slips.
+
+        Args:
+            problem: contact problem of the full model.
+            answer: answer with a memory of slip.
+            forces: forces of all conditions, (M,).
         """
         friction = problem.law.of("friction")
         assert isinstance(friction, Friction)

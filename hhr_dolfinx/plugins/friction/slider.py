@@ -19,7 +19,7 @@ from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.gradient import Gradient
-from hhr_dolfinx.plugins.contact_laws.increments import IncrementEnd
+from hhr_dolfinx.plugins.contact_laws.increments import PATH_GRADIENT_NOTE, IncrementEnd, unknown_of
 from hhr_dolfinx.plugins.friction.laws import SLIP, Friction, SlipState
 from hhr_dolfinx.plugins.friction.sliding_set import Sliding, SlidingContact, SlidingIncrement
 from hhr_dolfinx.plugins.friction.surfaces import FarSliding, SolvedContacts
@@ -28,11 +28,6 @@ WORK = 1e-3
 """Part of the elastic energy of contact below which dissipated work counts as zero."""
 OPEN_GAP = 1e-9
 """Part of the largest gap above which a contact is open."""
-SLIDING_GRADIENT_NOTE = (
-    "derivative of the path in its increments, at their statuses: check that more increments do "
-    "not change it"
-)
-"""Note of derivatives."""
 
 
 class SlidingState(NamedTuple):
@@ -113,7 +108,13 @@ class Slider:
         self.energy = 0.0
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> SlidingState:
-        """Undeformed bodies without slip."""
+        """Undeformed bodies without slip.
+
+        Args:
+            time: time in seconds.
+            point: parameter, (P,).
+            weights: derivative of each parameter along that of the whole history, (P,).
+        """
         forces = np.zeros(self.model.own_conditions)
         gap = self._contact_at(point).free_slack[self.friction.normal]
         slip = SlipState.at_rest(self.surface.whole)
@@ -126,7 +127,12 @@ class Slider:
         return np.zeros((self.friction.tangential.size, len(self.model.parameters.names)))
 
     def going_on(self, answer: Answer, weights: np.ndarray) -> SlidingState:
-        """State after a step that the full model solved before."""
+        """State after a step that the full model solved before.
+
+        Args:
+            answer: answer at the end of the last step.
+            weights: derivative of each parameter along that of the whole history, (P,).
+        """
         schur = self._contact_at(answer.parameter).schur
         forces = answer.multipliers
         self.largest = max(self.largest, float(np.linalg.norm(forces)))
@@ -151,7 +157,12 @@ class Slider:
         )
 
     def increment(self, before: SlidingState, target: IncrementEnd) -> SolvedSliding:
-        """Solve one increment; it may not converge."""
+        """Solve one increment; it may not converge.
+
+        Args:
+            before: state at the start of the increment.
+            target: end of the increment.
+        """
         point = target.point
         contact = self._contact_at(point)
         of_motions = (
@@ -162,25 +173,25 @@ class Slider:
         slack = contact.free_slack.copy()
         slack[self.friction.tangential] -= self.surface.position(before.slip)
         driving = np.zeros(0) if contact.kernel is None else contact.kernel.driving
-        given = SlidingIncrement(slack, *self.friction.bounds(point), driving)
-        found = self._sliding.increment(given, before.forces, before.active)
+        loads = SlidingIncrement(slack, *self.friction.bounds(point), driving)
+        solution = self._sliding.increment(loads, before.forces, before.active)
         slip = self.surface.after(
-            before.slip, given, found, partial(unknown_of, contact, found), point
+            before.slip, loads, solution, partial(unknown_of, contact, solution), point
         )
         gradient = None
         changes = before.changes
         closing = self._no_changes
-        if self.gradient and found.status is Status.CONVERGED:
-            closes = self._closes(before, found)
+        if self.gradient and solution.status is Status.CONVERGED:
+            closes = self._closes(before, solution)
             references = before.changes + np.where(closes, before.closing, 0.0)
-            gradient = self._gradient(references, target, given, found, contact)
+            gradient = self._gradient(references, target, loads, solution, contact)
             # one that closes within an increment may slip in it alone, as it is drawn from the
             # start of the increment
-            follows = ~found.active[self.friction.tangential, None] & ~closes
+            follows = ~solution.active[self.friction.tangential, None] & ~closes
             changes = references + np.where(follows, gradient.slack[self.friction.tangential], 0.0)
-            closing = self._closing(before, found, gradient)
+            closing = self._closing(before, solution, gradient)
         return SolvedSliding(
-            found, self._reached(target, found, slip, (changes, closing)), contact, gradient
+            solution, self._reached(target, solution, slip, (changes, closing)), contact, gradient
         )
 
     def _closes(self, before: SlidingState, found: Sliding) -> np.ndarray:
@@ -238,11 +249,11 @@ class Slider:
         floating = contact.kernel
         unknown = unknown_of(contact, found)
         slack, of_unknown = (
-            part * target.weights for part in contact.at_fixed_forces(found.forces, unknown)
+            slope * target.weights for slope in contact.at_fixed_forces(found.forces, unknown)
         )
         slack = slack.copy()
         slack[self.friction.tangential] -= references
-        bounds = [part * target.weights for part in self.friction.bound_slopes(target.point)]
+        bounds = [slope * target.weights for slope in self.friction.bound_slopes(target.point)]
         driving = np.zeros((0, slack.shape[1]))
         if floating is not None:
             driving = floating.drift(found.forces, unknown) * target.weights
@@ -259,13 +270,17 @@ class Slider:
             forces,
             self._sliding.grazing(given, found),
             slack,
-            note=SLIDING_GRADIENT_NOTE,
+            note=PATH_GRADIENT_NOTE,
         )
 
     def held(self, before: SlidingState, after: SlidingState) -> float:
         """Sticking force of contacts that closed in this increment.
 
         Its reference is the start of the increment.
+
+        Args:
+            before: state at its start.
+            after: state at its end.
         """
         assert after.active is not None
         friction = self.friction
@@ -278,8 +293,15 @@ class Slider:
     def difference(
         self, before: SlidingState, half: SolvedSliding, second: SolvedSliding, whole: SolvedSliding
     ) -> float:
-        """Error of a step in two halves: of forces over the largest so far, of work over the
-        dissipated work.
+        """Error of a step in two halves.
+
+        Of forces it is over the largest so far, of work over the dissipated work.
+
+        Args:
+            before: state at the start of the step.
+            half: first half of the step.
+            second: second half of the step.
+            whole: the step as one increment.
         """
         closing = np.linalg.norm(
             [self.held(before, half.reached), self.held(half.reached, second.reached)]
@@ -301,14 +323,15 @@ class Slider:
 
     def advice(self, solved: SolvedSliding) -> Mapping[Status, str]:
         """See :class:`~hhr_dolfinx.plugins.contact_laws.increments.Increments`."""
-        found = solved.found
-        if found.status is Status.ADRIFT:
-            return {found.status: "friction does not bear its loads, or nothing presses on it"}
-        if not found.unsettled.size:
+        solution = solved.found
+        if solution.status is Status.ADRIFT:
+            return {solution.status: "friction does not bear its loads, or nothing presses on it"}
+        if not solution.unsettled.size:
             return {}
         return {
-            found.status: (
-                f"between stick and slip, conditions {found.unsettled[:8].tolist()} keep changing"
+            solution.status: (
+                f"between stick and slip, conditions {solution.unsettled[:8].tolist()} keep "
+                "changing"
             )
         }
 
@@ -319,20 +342,20 @@ class Slider:
 
     def answer(self, solved: SolvedSliding) -> Answer:
         """Answer of an increment."""
-        found, reached, contact, gradient = solved
+        solution, reached, contact, gradient = solved
         return Answer(
             reached.point,
-            unknown_of(contact, found),
-            found.forces,
-            found.active,
-            found.iterations,
-            found.status,
-            found.sweeps > 0,
+            unknown_of(contact, solution),
+            solution.forces,
+            solution.active,
+            solution.iterations,
+            solution.status,
+            solution.sweeps > 0,
             self.model.fields,
             time=reached.time,
             gradient=gradient,
             memory=Memory(slip=reached.slip),
-            undetermined=self._undetermined(contact, found),
+            undetermined=self._undetermined(contact, solution),
         )
 
     def _undetermined(self, contact: CondensedContact, found: Sliding) -> np.ndarray | None:
@@ -350,9 +373,3 @@ class Slider:
         holding[rows] = holding[self.friction.normal[self.friction.owner]] & found.active[rows]
         ways = floating.equalities.left_open(holding)
         return floating.modes @ ways if ways.shape[1] else None
-
-
-def unknown_of(contact: CondensedContact, found: Sliding) -> np.ndarray:
-    """The primal unknown under the forces of an increment, (n,)."""
-    unknown = contact.unknown(found.forces)
-    return unknown if contact.kernel is None else unknown + contact.kernel.modes @ found.motions

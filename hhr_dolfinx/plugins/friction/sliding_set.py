@@ -29,6 +29,8 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import SingularError
+from hhr_dolfinx.models.gradient import CHANGING_STATUS
+from hhr_dolfinx.plugins.contact_laws.ranges import NEWTON_ITERATIONS, PROJECTION_TOLERANCE
 from hhr_dolfinx.plugins.friction.laws import Friction, bounds, places_of
 from hhr_dolfinx.plugins.friction.sliding_system import (
     SlidingRows,
@@ -38,21 +40,12 @@ from hhr_dolfinx.plugins.friction.sliding_system import (
 )
 from hhr_dolfinx.plugins.friction.sweeps import swept
 
-SLIDING_TOLERANCE = 1e-11
-"""Relative deviation of forces from their projection up to which they have converged (measured
-round-off: 1e-14).
-"""
 STIFFNESS_FACTORS = (0.2, 1.0, 0.01)
 """Factors of the stiffness by which the slip of a contact enters its status, tried in this order.
 
 Neighbours slip at the same time, so that the stiffness of a single contact overestimates the
 change: with the full factor, slip may alternate between directions and never stick. On 256 contacts
 in space 0.1 to 0.3 took the fewest iterations.
-"""
-SLIDING_ITERATIONS = 40
-"""Iterations of Newton's method before another attempt.
-
-Two to five are usual from the previous increment.
 """
 SWEEPS = (10, 30, 100, 300, 1000, 3000)
 """Sweeps over all contacts between one attempt of Newton's method and the next."""
@@ -66,8 +59,6 @@ STALLED_REDUCTION = 0.2
 """Reduction of the deviation above which a step with old factors counts as failed, and the factors
 are updated.
 """
-CHANGING_SLIP = 1e-7
-"""Part of the largest force within which a contact is about to change its status."""
 
 
 class Sliding(NamedTuple):
@@ -100,7 +91,12 @@ class SlidingIncrement(NamedTuple):
     driving: np.ndarray  #: loads along rigid motions that only contact holds, (r,)
 
     def bounds(self, friction: Friction, forces: np.ndarray) -> np.ndarray:
-        """Largest tangential force that each contact may bear under some forces, (M,): (C,)."""
+        """Largest tangential force that each contact may bear, (C,).
+
+        Args:
+            friction: friction of the rows.
+            forces: forces of all rows, (M,).
+        """
         return bounds(self.coefficient, self.limit, forces[friction.normal])
 
 
@@ -110,7 +106,7 @@ class _Given(NamedTuple):
     slack: np.ndarray
     driving: np.ndarray
     coefficient: np.ndarray  #: of each tangential row, (T,)
-    limit: np.ndarray  #: the same
+    limit: np.ndarray  #: of each tangential row, (T,)
     plain: bool  #: only finite coefficients bound tangential forces
     unforced: np.ndarray  #: forces that would compensate the slack, row by row, (M,)
     round_off: float  #: of the slack, as a force
@@ -179,26 +175,31 @@ class SlidingContact:
     def increment(
         self, given: SlidingIncrement, start: np.ndarray, active: np.ndarray | None = None
     ) -> Sliding:
-        """Solve an increment from forces, (M,), and statuses, (M,) bool, of the previous one.
+        """Solve an increment from the forces and statuses of the previous one.
 
-        The first system is solved with these statuses; None derives them from the forces and the
-        loads.
+        The first system is solved with these statuses.
+
+        Args:
+            given: loads and friction bounds of the increment.
+            start: forces of the previous increment, (M,).
+            active: statuses of the previous increment, (M,) bool; None derives them from forces and
+                loads.
         """
         motions = np.zeros(self.contact_of_motions.shape[1])
         if not (np.isfinite(given.slack).all() and np.isfinite(given.driving).all()):
             nothing = np.zeros(len(start))
             return Sliding(nothing, nothing != 0, given.slack, motions, 0, 0, Status.NOT_FINITE)
-        own = self._prepared(given)
+        prepared = self._prepared(given)
         if active is not None and not motions.size:
             with suppress(SingularError):
-                start = self._solved(own, self._as_before(own, start, active), start)
-        found = self._tried(own, start, motions)
-        if found.status is Status.CONVERGED:
-            return found
+                start = self._solved(prepared, self._as_before(prepared, start, active), start)
+        solution = self._tried(prepared, start, motions)
+        if solution.status is Status.CONVERGED:
+            return solution
         return (
-            self._by_sweeps(given, own, found)
+            self._by_sweeps(given, prepared, solution)
             if not motions.size
-            else self._by_springs(given, own, found)
+            else self._by_springs(given, prepared, solution)
         )
 
     def _prepared(self, given: SlidingIncrement) -> _Given:
@@ -218,13 +219,21 @@ class SlidingContact:
     def _as_before(self, given: _Given, forces: np.ndarray, active: np.ndarray) -> _Iterate:
         """Statuses and directions of a solved increment."""
         acting = active.copy()
-        own = forces[self._rows]
-        size = self._length(own)
+        tangential = forces[self._rows]
+        size = self._length(tangential)
         bound, limited = self._bound(given, np.maximum(forces, 0.0))
         acting[self._rows] = (bound > 0) | active[self._normal]
         slips = ~active[self._rows] & (size > 0) & acting[self._rows]
         return self._iterate(
-            given, acting, slips, limited, bound, own, size, STIFFNESS_FACTORS[0], np.zeros(0)
+            given,
+            acting,
+            slips,
+            limited,
+            bound,
+            tangential,
+            size,
+            STIFFNESS_FACTORS[0],
+            np.zeros(0),
         )
 
     def _tried(self, given: _Given, start: np.ndarray, motions: np.ndarray) -> Sliding:
@@ -235,12 +244,12 @@ class SlidingContact:
             (STIFFNESS_FACTORS[0], True),
             *((probe, False) for probe in STIFFNESS_FACTORS),
         ):
-            found = self._newton(given, start, motions, probe, old)
-            iterations += found.iterations
-            if found.status is Status.CONVERGED:
+            solution = self._newton(given, start, motions, probe, old)
+            iterations += solution.iterations
+            if solution.status is Status.CONVERGED:
                 break
             self._systems.forget()
-        return found._replace(iterations=iterations)
+        return solution._replace(iterations=iterations)
 
     def _newton(
         self, given: _Given, start: np.ndarray, motions: np.ndarray, probe: float, old: bool
@@ -255,12 +264,12 @@ class SlidingContact:
         least = np.inf
         before = np.inf
         status = Status.UNSETTLED
-        for iteration in range(SLIDING_ITERATIONS + 1):
+        for iteration in range(NEWTON_ITERATIONS + 1):
             slack = given.slack + self.schur @ forces - self.contact_of_motions @ motions
             at = self._projected(given, forces, slack, probe)
             worst = np.abs(at.off).max(initial=0.0)
             balanced = self._balanced(given, forces)
-            noise = SLIDING_TOLERANCE * np.abs(forces).max(initial=0.0) + given.round_off
+            noise = PROJECTION_TOLERANCE * np.abs(forces).max(initial=0.0) + given.round_off
             if worst <= noise and balanced:
                 # a solution may be round-off of corrected factors
                 if old and not self._systems.holds(
@@ -269,7 +278,7 @@ class SlidingContact:
                     break
                 return self._settled(at.statuses, forces, slack, motions, iteration)
             key = at.key()
-            if iteration == SLIDING_ITERATIONS or (key in seen and not worst < 0.5 * least):
+            if iteration == NEWTON_ITERATIONS or (key in seen and not worst < 0.5 * least):
                 break
             seen.add(key)
             least = min(least, worst)
@@ -338,8 +347,13 @@ class SlidingContact:
         )
 
     def grazing(self, given: SlidingIncrement, found: Sliding) -> np.ndarray:
-        """Rows about to change their status, for which derivatives are one-sided, (M,) bool."""
-        near = CHANGING_SLIP * np.abs(found.forces).max(initial=0.0)
+        """Rows about to change their status, for which derivatives are one-sided, (M,) bool.
+
+        Args:
+            given: loads and friction bounds of the increment.
+            found: solution of the increment.
+        """
+        near = CHANGING_STATUS * np.abs(found.forces).max(initial=0.0)
         at = self._at(given, found)
         scaled = self.stiffness * np.abs(found.slack)
         close = np.where(found.active, np.abs(found.forces) <= near, scaled <= near)
@@ -361,8 +375,8 @@ class SlidingContact:
             projected[self._rows] = trial * _share(bound, self._length(trial))
         else:
             projected[self._rows] = np.minimum(np.maximum(trial, -bound), bound)
-        own = forces[self._rows]
-        tangential = own + probe * (trial - own)
+        borne = forces[self._rows]
+        tangential = borne + probe * (trial - borne)
         size = self._length(tangential)
         bears = acting[self._normal] if given.plain else (bound > 0) | acting[self._normal]
         acting[self._rows] = bears
@@ -404,10 +418,10 @@ class SlidingContact:
         """Largest force of each tangential row, (T,), and True for rows bounded by the limit, (T,)
         bool.
         """
-        own = pressures[self._normal]
+        pressure = pressures[self._normal]
         if given.plain:
-            return given.coefficient * own, self._nowhere
-        bound = bounds(given.coefficient, given.limit, own)
+            return given.coefficient * pressure, self._nowhere
+        bound = bounds(given.coefficient, given.limit, pressure)
         return bound, bound >= given.limit
 
     def _length(self, tangential: np.ndarray) -> np.ndarray:
@@ -420,9 +434,9 @@ class SlidingContact:
         """True if forces balance the loads along rigid motions."""
         if not given.driving.size:
             return True
-        left = np.abs(given.driving - forces @ self.contact_of_motions)
+        imbalance = np.abs(given.driving - forces @ self.contact_of_motions)
         size = np.abs(given.driving) + np.abs(forces) @ np.abs(self.contact_of_motions)
-        return bool((left <= 1e-10 * size.max()).all())
+        return bool((imbalance <= 1e-10 * size.max()).all())
 
     def _solved(self, given: _Given, at: _Iterate, near: np.ndarray | None = None) -> np.ndarray:
         """Forces and motions on some statuses and directions, (M + r,).
@@ -449,8 +463,10 @@ class SlidingContact:
             right = np.where(statuses.acting, given.unforced, 0.0)
             right[self._rows[statuses.slips]] = 0.0
             return np.concatenate([right, given.driving]) if given.driving.size else right
-        known = np.where(at.limited, at.bound * statuses.direction, 0.0)[:, None]
-        return self._right(statuses, given.unforced[:, None], known, given.driving[:, None])[:, 0]
+        prescribed = np.where(at.limited, at.bound * statuses.direction, 0.0)[:, None]
+        return self._right(statuses, given.unforced[:, None], prescribed, given.driving[:, None])[
+            :, 0
+        ]
 
     def _right(
         self, at: SlidingStatuses, unforced: np.ndarray, known: np.ndarray, driving: np.ndarray
@@ -488,10 +504,10 @@ class SlidingContact:
         forces[~at.acting] = 0.0
         return Sliding(forces, active, slack, motions, max(count, 1), 0, Status.CONVERGED)
 
-    def _by_sweeps(self, given: SlidingIncrement, own: _Given, found: Sliding) -> Sliding:
+    def _by_sweeps(self, given: SlidingIncrement, own: _Given, solution: Sliding) -> Sliding:
         """Sweeps over single contacts, and Newton's method from their result."""
-        forces = np.where(np.isfinite(found.forces), found.forces, 0.0)
-        iterations = found.iterations
+        forces = np.where(np.isfinite(solution.forces), solution.forces, 0.0)
+        iterations = solution.iterations
         total = 0
         for count in SWEEPS:
             forces = swept(
@@ -500,11 +516,11 @@ class SlidingContact:
             total += count
             if not np.isfinite(forces).all():
                 break
-            found = self._tried(own, forces, found.motions)
-            iterations += found.iterations
-            if found.status is Status.CONVERGED:
+            solution = self._tried(own, forces, solution.motions)
+            iterations += solution.iterations
+            if solution.status is Status.CONVERGED:
                 break
-        return found._replace(iterations=iterations, sweeps=total)
+        return solution._replace(iterations=iterations, sweeps=total)
 
     @cached_property
     def _sprung(self) -> tuple[tuple[np.ndarray, SlidingContact], ...]:
@@ -518,8 +534,11 @@ class SlidingContact:
 
         springs = (unit * weak for weak in SPRING_COMPLIANCES)
         return tuple(
-            (one, SlidingContact(self.schur + (motions * one) @ motions.T, self.friction))
-            for one in springs
+            (
+                compliance,
+                SlidingContact(self.schur + (motions * compliance) @ motions.T, self.friction),
+            )
+            for compliance in springs
         )
 
     def _by_springs(self, given: SlidingIncrement, own: _Given, failed: Sliding) -> Sliding:
@@ -542,14 +561,14 @@ class SlidingContact:
             held = given._replace(
                 slack=given.slack - self.contact_of_motions @ offset, driving=given.driving[:0]
             )
-            found = sprung.increment(held, forces)
-            iterations += found.iterations
-            sweeps += found.sweeps
-            if found.status is not Status.CONVERGED:
-                return found._replace(motions=ends, iterations=iterations, sweeps=sweeps)
-            forces = found.forces
-            left = given.driving - forces @ self.contact_of_motions
-            ends = ends + compliance * left
+            solution = sprung.increment(held, forces)
+            iterations += solution.iterations
+            sweeps += solution.sweeps
+            if solution.status is not Status.CONVERGED:
+                return solution._replace(motions=ends, iterations=iterations, sweeps=sweeps)
+            forces = solution.forces
+            imbalance = given.driving - forces @ self.contact_of_motions
+            ends = ends + compliance * imbalance
             direct = self._tried(own, forces, ends)
             iterations += direct.iterations
             largest = (
@@ -557,8 +576,8 @@ class SlidingContact:
             ).max()
             if direct.status is Status.CONVERGED:
                 return direct._replace(iterations=iterations, sweeps=sweeps)
-            if (np.abs(left) <= BALANCED_FORCES * largest + nothing).all():
-                return found._replace(motions=ends, iterations=iterations, sweeps=sweeps)
+            if (np.abs(imbalance) <= BALANCED_FORCES * largest + nothing).all():
+                return solution._replace(motions=ends, iterations=iterations, sweeps=sweeps)
         return failed._replace(status=Status.ADRIFT, iterations=iterations, sweeps=sweeps)
 
 
@@ -572,14 +591,17 @@ def _softened(schur: np.ndarray, friction: Friction) -> np.ndarray:
     twice = friction.twice
     if not twice.size:
         return schur
-    found = schur.copy()
-    found[twice, twice] += elastic_slip(np.diag(schur), friction)
-    return found
+    softened = schur.copy()
+    softened[twice, twice] += elastic_slip(np.diag(schur), friction)
+    return softened
 
 
 def elastic_slip(diagonal: np.ndarray, friction: Friction) -> np.ndarray:
-    """Compliance of the rows that leave their forces undetermined, ``twice``, by the diagonal of
-    S.
+    """Compliance of the rows that leave their forces undetermined, ``friction.twice``.
+
+    Args:
+        diagonal: diagonal of S, (M,).
+        friction: friction of the rows.
     """
     twice = friction.twice
     pressure = friction.normal[friction.owner[places_of(twice, friction.tangential)]]

@@ -76,13 +76,13 @@ class SlidingStatuses(NamedTuple):
 
     def codes(self, rows: SlidingRows) -> np.ndarray:
         """Kind of each row, (M,) int8."""
-        found = self.acting.astype(np.int8)
+        kinds = self.acting.astype(np.int8)
         slips = self.slips
-        own = np.where(self.direction > 0, np.int8(UP), np.int8(DOWN))
-        own[self.followed == 0] = GIVEN
-        own[rows.curved] = TURNING
-        found[rows.tangential[slips]] = own[slips]
-        return found
+        of_slip = np.where(self.direction > 0, np.int8(UP), np.int8(DOWN))
+        of_slip[self.followed == 0] = GIVEN
+        of_slip[rows.curved] = TURNING
+        kinds[rows.tangential[slips]] = of_slip[slips]
+        return kinds
 
 
 class SlidingSystem:
@@ -120,79 +120,89 @@ class SlidingSystem:
         """R^T S and the balance below it, with the effect of rigid motions in the last columns, (k
         + r, M + r).
         """
-        every = self._rows.scaled
-        parts = [every[self._held]]
+        scaled = self._rows.scaled
+        blocks = [scaled[self._held]]
         if self._yielding.size:
             weights = (measure * self._yielding)[:, None] * self._across
             first, second = self._turning.T
-            parts.append(weights[:, :1] * every[first] + weights[:, 1:] * every[second])
+            blocks.append(weights[:, :1] * scaled[first] + weights[:, 1:] * scaled[second])
         balance = self._rows.balance
         if len(balance):
-            parts.append(np.hstack([balance, np.zeros((len(balance),) * 2)]))
-        return np.concatenate(parts) if len(parts) > 1 else parts[0]
+            blocks.append(np.hstack([balance, np.zeros((len(balance),) * 2)]))
+        return np.concatenate(blocks) if len(blocks) > 1 else blocks[0]
 
     def _assembled(self) -> np.ndarray:
         """R^T S E, bordered by rigid motions, (k + r, k + r)."""
         m = len(self._rows.scaled)
         values = self._tested[:, :m]
-        own = values[:, self._held]
+        matrix = values[:, self._held]
         if self._followers.size:
-            place = np.searchsorted(self._held, self._leaders)
-            second = np.zeros(place.size, dtype=bool)
-            second[1:] = place[1:] == place[:-1]
-            for part in (~second, second):  # two rows of one contact follow the same pressure
-                if part.any():
-                    own[:, place[part]] += values[:, self._followers[part]] * self._share[part, 0]
-        parts = [own]
+            leaders = np.searchsorted(self._held, self._leaders)
+            second = np.zeros(leaders.size, dtype=bool)
+            second[1:] = leaders[1:] == leaders[:-1]
+            for chosen in (~second, second):  # two rows of one contact follow the same pressure
+                if chosen.any():
+                    matrix[:, leaders[chosen]] += (
+                        values[:, self._followers[chosen]] * self._share[chosen, 0]
+                    )
+        blocks = [matrix]
         if self._yielding.size:
-            one, two = self._turning.T
-            across = values[:, one] * self._across[:, 0] + values[:, two] * self._across[:, 1]
+            first, partner = self._turning.T
+            across = values[:, first] * self._across[:, 0] + values[:, partner] * self._across[:, 1]
             turned = np.arange(self._yielding.size)
             across[self.size + turned, turned] += 1.0 - self._yielding
-            parts.append(across)
+            blocks.append(across)
         if len(self._rows.balance):
-            parts.append(self._tested[:, m:])
-        return np.concatenate(parts, axis=1) if len(parts) > 1 else own
+            blocks.append(self._tested[:, m:])
+        return np.concatenate(blocks, axis=1) if len(blocks) > 1 else matrix
 
     def solve(self, right: np.ndarray, check: bool = True) -> np.ndarray:
         """Forces and amplitudes of rigid motions for right-hand sides of all rows, (M + r, P) each.
 
-        SingularError if they are undetermined; only ``check`` looks for round-off of a singular
-        system.
+        Args:
+            right: right-hand sides, (M + r, P).
+            check: look for round-off of a singular system.
+
+        Raises:
+            SingularError: if they are undetermined.
         """
         m = len(self._rows.scaled)
-        known = right.copy()
-        known[self._held] = 0.0
-        known[m:] = 0.0
-        own = right[self._tests]
+        solution = right.copy()
+        solution[self._held] = 0.0
+        solution[m:] = 0.0
+        reduced = right[self._tests]
         if self._yielding.size:
             pairs = right[self._turning]  # (contacts, 2, P)
             along, across = (
                 (pairs * way[:, :, None]).sum(axis=1) for way in (self._along, self._across)
             )
-            known[self._turning] = self._along[:, :, None] * along[:, None]
-            own[self._turns] = across
-        if known.any():
-            own -= self._tested[:, :m] @ known[:m]
-        unknown = dgetrs(self._factors, self._pivots, own)[0] if own.size else own
-        if check and not _sound(self._matrix @ unknown - own, unknown, own):
+            solution[self._turning] = self._along[:, :, None] * along[:, None]
+            reduced[self._turns] = across
+        if solution.any():
+            reduced -= self._tested[:, :m] @ solution[:m]
+        unknown = dgetrs(self._factors, self._pivots, reduced)[0] if reduced.size else reduced
+        if check and not _sound(self._matrix @ unknown - reduced, unknown, reduced):
             raise SingularError(UNDETERMINED_FORCES)
-        known[self._held] = unknown[: self.size]
-        known[m:] = unknown[self._turns.stop :]
+        solution[self._held] = unknown[: self.size]
+        solution[m:] = unknown[self._turns.stop :]
         if self._followers.size:
-            known[self._followers] += self._share * known[self._leaders]
+            solution[self._followers] += self._share * solution[self._leaders]
         if self._yielding.size:
-            known[self._turning] += self._across[:, :, None] * unknown[self._turns][:, None]
-        return known
+            solution[self._turning] += self._across[:, :, None] * unknown[self._turns][:, None]
+        return solution
 
     def holds(self, unknowns: np.ndarray, right: np.ndarray, changed: np.ndarray) -> bool:
-        """True if all rows without slack, except some rows, (k,), hold for unknowns and right-hand
-        sides, (M + r,).
+        """True if all rows without slack hold, except some rows.
+
+        Args:
+            unknowns: unknowns, (M + r,).
+            right: right-hand sides, (M + r,).
+            changed: rows to leave out, (k,).
         """
-        kept = np.ones(len(self._rows.scaled), dtype=bool)
-        kept[changed] = False
-        left = self._tested[: self.size] @ unknowns - right[self._held]
-        return _sound(left[kept[self._held]], unknowns, right)
+        unchanged = np.ones(len(self._rows.scaled), dtype=bool)
+        unchanged[changed] = False
+        residual = self._tested[: self.size] @ unknowns - right[self._held]
+        return _sound(residual[unchanged[self._held]], unknowns, right)
 
 
 def _sound(left: np.ndarray, found: np.ndarray, right: np.ndarray) -> bool:
@@ -222,9 +232,12 @@ class SlidingSystems:
         )  # of the inverse, as rows
 
     def solve(self, at: SlidingStatuses, right: np.ndarray, label: bytes) -> np.ndarray:
-        """Forces and amplitudes of rigid motions for right-hand sides of all rows, (M + r,) each.
+        """Forces and amplitudes of rigid motions, (M + r,).
 
-        ``label`` is the key of the coefficients.
+        Args:
+            at: statuses and directions of the rows.
+            right: right-hand sides, (M + r,).
+            label: key of the coefficients.
 
         Raises:
             SingularError: if they are undetermined.
@@ -255,10 +268,14 @@ class SlidingSystems:
         return self._corrected(changed, codes, at, right)
 
     def holds(self, at: SlidingStatuses, right: np.ndarray, unknowns: np.ndarray) -> bool:
-        """True if unknowns, (M + r,), solve the system of some statuses, which corrections do not
-        guarantee.
+        """True if unknowns solve the system of some statuses, which corrections do not guarantee.
 
         In a nearly singular system they may be round-off.
+
+        Args:
+            at: statuses and directions of the rows.
+            right: right-hand sides, (M + r,).
+            unknowns: unknowns, (M + r,).
         """
         changed = self._changed(at.codes(self._rows))
         return self._factored is not None and self._factored.holds(unknowns, right, changed)
@@ -266,18 +283,25 @@ class SlidingSystems:
     def nearer(
         self, at: SlidingStatuses, right: np.ndarray, label: bytes, unknowns: np.ndarray
     ) -> np.ndarray | None:
-        """Improve approximate unknowns, (M + r,), by factors of a system with other slip
-        directions.
+        """Improve approximate unknowns by factors of a system with other slip directions.
 
         None if the statuses differ.
+
+        Args:
+            at: statuses and directions of the rows.
+            right: right-hand sides, (M + r,).
+            label: key of the coefficients.
+            unknowns: unknowns, (M + r,).
         """
         codes = at.codes(self._rows)
         if self._factored is None or label != self._label or not np.array_equal(codes, self._codes):
             return None
-        left = -right
-        left[: codes.size] += self._values(unknowns[None], np.arange(codes.size), codes, at)[:, 0]
-        left[codes.size :] += self._rows.balance @ unknowns[: codes.size]
-        return unknowns - self._factored.solve(left[:, None], check=False)[:, 0]
+        residual = -right
+        residual[: codes.size] += self._values(unknowns[None], np.arange(codes.size), codes, at)[
+            :, 0
+        ]
+        residual[codes.size :] += self._rows.balance @ unknowns[: codes.size]
+        return unknowns - self._factored.solve(residual[:, None], check=False)[:, 0]
 
     def _changed(self, codes: np.ndarray) -> np.ndarray:
         """Rows that differ from the factored system."""
@@ -292,7 +316,7 @@ class SlidingSystems:
     ) -> np.ndarray:
         """Solution of the factored system, (M + r,), corrected for changed rows."""
         assert self._factored is not None
-        found = self._found
+        solution = self._found
         new = changed[self._slots[changed] < 0]
         if new.size:
             self._slots[new] = self._known + np.arange(new.size)
@@ -301,40 +325,42 @@ class SlidingSystems:
             self._columns[self._slots[new]] = self._factored.solve(unit, check=False).T
             self._known += new.size
         columns = self._columns[np.append(self._slots[changed], -1)]
-        columns[-1] = found
+        columns[-1] = solution
         values = self._values(columns, changed, codes, at)
         columns = columns[:-1]
         _, _, step, info = dgesv(values[:, :-1], values[:, -1] - right[changed])
         if info != 0:
             raise SingularError(UNDETERMINED_FORCES)
-        return found - step @ columns
+        return solution - step @ columns
 
     def _values(
         self, unknowns: np.ndarray, chosen: np.ndarray, codes: np.ndarray, at: SlidingStatuses
     ) -> np.ndarray:
         """Left-hand sides of some rows, (k, P), for some unknowns, (P, M + r)."""
         rows = self._rows
-        own = codes[chosen]
-        found = unknowns[:, chosen].T
+        kinds = codes[chosen]
+        values = unknowns[:, chosen].T
         scaled = rows.scaled if chosen.size == codes.size else rows.scaled[chosen]
         slack = scaled @ unknowns.T
-        held = own == HELD
-        found[held] = slack[held]
-        slips = own >= UP
+        held = kinds == HELD
+        values[held] = slack[held]
+        slips = kinds >= UP
         if slips.any():
-            place = self._place[chosen[slips]]
-            share = at.followed[place] * at.direction[place]
-            found[slips] -= share[:, None] * unknowns[:, rows.normal[place]].T
-        turns = np.flatnonzero(own == TURNING)
+            position = self._place[chosen[slips]]
+            share = at.followed[position] * at.direction[position]
+            values[slips] -= share[:, None] * unknowns[:, rows.normal[position]].T
+        turns = np.flatnonzero(kinds == TURNING)
         if turns.size:
-            place = self._place[chosen[turns]]
-            turns = turns[np.argsort(place)]
-            place.sort()
-            direction = at.direction[place].reshape(-1, 2, 1)
-            y = (found[turns] - at.measure * slack[turns]).reshape(len(direction), 2, -1)
+            position = self._place[chosen[turns]]
+            turns = turns[np.argsort(position)]
+            position.sort()
+            direction = at.direction[position].reshape(-1, 2, 1)
+            y = (values[turns] - at.measure * slack[turns]).reshape(len(direction), 2, -1)
             y -= direction * (direction * y).sum(axis=1, keepdims=True)
-            y *= at.shrunk[place].reshape(-1, 2, 1)
-            share = (at.followed[place] * at.direction[place])[:, None]
+            y *= at.shrunk[position].reshape(-1, 2, 1)
+            share = (at.followed[position] * at.direction[position])[:, None]
             # for a row bounded by a limit the pressure may be zero, without a column
-            found[turns] -= y.reshape(turns.size, -1) + share * unknowns[:, rows.normal[place]].T
-        return found
+            values[turns] -= (
+                y.reshape(turns.size, -1) + share * unknowns[:, rows.normal[position]].T
+            )
+        return values

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from hhr_dolfinx.plugins.friction.laws import SLIP, SlipState
 from hhr_dolfinx.plugins.friction.slider import Slider
 from hhr_dolfinx.plugins.friction.sliding_set import Sliding, SlidingContact, SlidingIncrement
 from hhr_dolfinx.plugins.friction.surfaces import FarSliding, SolvedContacts
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import AnsweringModel
 
 
 class _RubbingStep:
@@ -55,23 +58,42 @@ class _RubbingStep:
         active: np.ndarray,
         pairs: Pairs | None,
     ) -> Statuses:
+        """See :class:`~hhr_dolfinx.contact.law.StepContact`.
+
+        Args:
+            equalities: equality problems on S of the linearisation.
+            free_slack: slack without contact forces, (m,).
+            active: statuses to start from, (m,) bool.
+            pairs: not read: one problem has all pairs.
+        """
         if self._contact is None or equalities is not self._on:
             self._contact = SlidingContact(equalities.whole(), self._friction)
             self._on = equalities
         slack = free_slack.copy()
         slack[self._friction.tangential] -= self._position
-        given = SlidingIncrement(slack, self._coefficient, self._limit, np.zeros(0))
-        found = self._contact.increment(given, self._forces, active)
-        if found.status is Status.CONVERGED:  # else no start for the next one
-            self._forces = found.forces
-        self._last = given, found
+        loads = SlidingIncrement(slack, self._coefficient, self._limit, np.zeros(0))
+        solution = self._contact.increment(loads, self._forces, active)
+        if solution.status is Status.CONVERGED:  # else no start for the next one
+            self._forces = solution.forces
+        self._last = loads, solution
         return Statuses(
-            found.forces, found.active, found.iterations, found.status, found.sweeps > 0
+            solution.forces,
+            solution.active,
+            solution.iterations,
+            solution.status,
+            solution.sweeps > 0,
         )
 
     def changes(
         self, equalities: SchurEqualities, found: Statuses, slack: np.ndarray
     ) -> np.ndarray:
+        """See :class:`~hhr_dolfinx.contact.law.StepContact`.
+
+        Args:
+            equalities: not read: those of the solution.
+            found: solution, which the step has stored.
+            slack: derivatives of the slack, (m, K).
+        """
         assert self._contact is not None and self._last is not None
         same = np.zeros((self._friction.normal.size, slack.shape[1]))
         return self._contact.changes(
@@ -88,12 +110,34 @@ class _RubbingStep:
 class _FrictionSteps(LawSteps):
     completes = True
 
-    def increments(self, model: Any, settings: MarchSettings) -> Increments:
+    def increments(self, model: AnsweringModel, settings: MarchSettings) -> Increments:
+        """Increments of friction, see :class:`~hhr_dolfinx.models.histories.steps.Steps`.
+
+        Args:
+            model: model with friction.
+            settings: settings of the history.
+        """
         return Slider(model, settings.gradient, settings.limit)
 
     def step_contact(
-        self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None
+        self,
+        model: Any,
+        before: Answer,
+        point: np.ndarray,
+        time: float,
+        last: Any = None,
     ) -> StepContact:
+        """Friction on the S of each linearisation.
+
+        See :class:`~hhr_dolfinx.models.histories.steps.Steps`.
+
+        Args:
+            model: model with friction.
+            before: answer at the start of the step.
+            point: parameter, (P,).
+            time: time at the end of the step in seconds.
+            last: contact problems of another step, whose factors can serve; None for none.
+        """
         return _RubbingStep(model, point, before.memory[SLIP], before.multipliers, last)
 
     def at_rest(self, model: Any) -> Memory:
@@ -107,6 +151,12 @@ class _FrictionSteps(LawSteps):
         )
 
     def coupling(self, model: Any, point: np.ndarray) -> float:
+        """f κ of :mod:`.uniqueness`; NaN of inelastic bodies and of rigid motions.
+
+        Args:
+            model: model with friction.
+            point: parameter, (P,).
+        """
         if model.equilibrium is not None:  # each linearisation has another S
             return np.nan
         from hhr_dolfinx.plugins.friction.uniqueness import coupling

@@ -50,7 +50,12 @@ class SolvedContacts:
     ) -> SlipState:
         """Slip state after an increment with a solution.
 
-        ``unknown`` computes the primal unknown at its end, (n,).
+        Args:
+            before: slip state at its start.
+            given: loads and friction bounds of the increment.
+            found: its solution.
+            unknown: function of the primal unknown at its end, (n,).
+            point: parameter at its end, (P,).
         """
         bound = given.bounds(self.whole, found.forces)
         return before.after(self.whole, found.forces, found.slack, found.active, bound)
@@ -82,14 +87,23 @@ class _PartSurface(SolvedContacts):
         unknown: Callable[[], np.ndarray],
         point: np.ndarray,
     ) -> SlipState:
+        """See :class:`SolvedContacts`; contacts outside the RID follow the displacement.
+
+        Args:
+            before: slip state at its start.
+            given: loads and friction bounds of the increment.
+            found: its solution.
+            unknown: function of the primal unknown at its end, (n,).
+            point: parameter at its end, (P,).
+        """
         friction = self.whole
         slack = np.zeros(self._fields.conditions)
         slack[friction.tangential[self._own]] = found.slack[self._inside.tangential]
-        outside = self._outside
-        if outside.size:
+        following = self._outside
+        if following.size:
             gaps, on_modes = self._rows_outside
             position = gaps @ self._fields.amplitudes(point) - on_modes @ unknown()
-            slack[friction.tangential[outside]] = position - before.position[outside]
+            slack[friction.tangential[following]] = position - before.position[following]
         forces, active = self._parts.completed(found.forces, found.active, point)
         bound = bounds(*friction.bounds(point), forces[friction.normal])
         return before.after(friction, forces, slack, active, bound)
@@ -125,7 +139,10 @@ class FarSliding:
     def check(self, friction: Friction, slip: SlipState, place: str) -> None:
         """Check the slip of the whole contact surface after a step.
 
-        ``place`` is the parameter, in words.
+        Args:
+            friction: friction of the whole contact surface.
+            slip: its slip state.
+            place: the parameter in words.
 
         Warns:
             FarSlidingWarning: once.

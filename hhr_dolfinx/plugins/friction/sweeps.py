@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from hhr_dolfinx import compat
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.friction.laws import Friction
+    from hhr_dolfinx.plugins.friction.sliding_set import SlidingIncrement
 
 
 def swept(
@@ -24,20 +25,25 @@ def swept(
     friction: Friction,
     pressures: np.ndarray,
     stiffness: np.ndarray,
-    given: Any,
+    given: SlidingIncrement,
     forces: np.ndarray,
     count: int,
 ) -> np.ndarray:
-    """Forces, (M,), after some sweeps from others over S, (M, M).
+    """Forces after some sweeps over single contacts, (M,).
 
-    ``pressures`` are rows of pressures, (n,), ``stiffness`` is the force that changes the slack of
-    a row by one, (M,), and ``given`` the
-    :class:`~hhr_dolfinx.plugins.friction.sliding_set.SlidingIncrement`.
+    Args:
+        schur: S, (M, M).
+        friction: friction of the rows.
+        pressures: rows of pressures, (n,).
+        stiffness: force that changes the slack of a row by one, (M,).
+        given: loads and friction bounds of the increment.
+        forces: forces to start from, (M,).
+        count: number of sweeps.
     """
     contact = np.full(len(schur), -1)
     contact[friction.normal] = np.arange(friction.normal.size)
     starts = np.searchsorted(friction.owner, np.arange(friction.normal.size + 1))
-    found = forces.copy()
+    improved = forces.copy()
     layout = pressures, contact[pressures], starts, friction.tangential
     _kernel()(
         np.ascontiguousarray(schur),
@@ -46,16 +52,16 @@ def swept(
         given.slack,
         given.coefficient,
         given.limit,
-        found,
+        improved,
         count,
     )
-    return found
+    return improved
 
 
 @lru_cache(maxsize=1)
 def _kernel() -> Callable[..., None]:
-    found: Callable[..., None] = compat.compiled()(_sweep)
-    return found
+    kernel: Callable[..., None] = compat.compiled()(_sweep)
+    return kernel
 
 
 def _sweep(
@@ -80,21 +86,21 @@ def _sweep(
                 0.0, forces[row] - stiffness[row] * (slack[row] + np.dot(schur[row], forces))
             )
             forces[row] = force
-            own = contact[k]
-            if own < 0:
+            number = contact[k]
+            if number < 0:
                 continue
-            first = starts[own]
+            first = starts[number]
             size = 0.0
-            for j in range(first, starts[own + 1]):
+            for j in range(first, starts[number + 1]):
                 row = tangential[j]
                 y[j - first] = forces[row] - stiffness[row] * (
                     slack[row] + np.dot(schur[row], forces)
                 )
                 size += y[j - first] ** 2
             size = np.sqrt(size)
-            bound = limit[own]
-            if coefficient[own] < np.inf:
-                bound = min(bound, coefficient[own] * force)
+            bound = limit[number]
+            if coefficient[number] < np.inf:
+                bound = min(bound, coefficient[number] * force)
             share = bound / size if size > bound else 1.0
-            for j in range(first, starts[own + 1]):
+            for j in range(first, starts[number + 1]):
                 forces[tangential[j]] = y[j - first] * share

@@ -61,16 +61,20 @@ def with_tangents(
     """
     dim = rows.points.shape[1]
     normal = np.flatnonzero(np.isin(pairs, list(laws)))
-    own = rows.take(normal)
-    normals = normals_of(own.matrix, own.slaves, dim)
+    pressures = rows.take(normal)
+    normals = normals_of(pressures.matrix, pressures.slaves, dim)
     tangents = tangents_of(normals)
-    matrix = tangential_rows(own.matrix, normals, tangents)
+    matrix = tangential_rows(pressures.matrix, normals, tangents)
     turns, owner, driven = _movable(matrix, free, lifts, dim)
     matrix = csr_matrix(turns @ matrix)
     matrix = csr_matrix(matrix - diags(driven.astype(float)) @ matrix @ diags(free.astype(float)))
     tangents = turns @ tangents.reshape(-1, dim)
     added = ContactRows(
-        matrix, np.zeros(owner.size), own.slaves[owner], own.points[owner], own.areas[owner]
+        matrix,
+        np.zeros(owner.size),
+        pressures.slaves[owner],
+        pressures.points[owner],
+        pressures.areas[owner],
     )
     held = csr_matrix(rows.matrix.multiply(free.astype(float)))
     moving = csr_matrix(matrix.multiply(free.astype(float)))
@@ -79,8 +83,8 @@ def with_tangents(
     numbers = np.array(list(laws))
     friction = Friction(
         normal,
-        own.areas,
-        _spacing(own, pairs[normal], normals, mesh),
+        pressures.areas,
+        _spacing(pressures, pairs[normal], normals, mesh),
         np.searchsorted(numbers, pairs[normal]),
         len(pairs) + np.arange(owner.size),
         owner,
@@ -117,19 +121,23 @@ def _spacing(rows: ContactRows, pairs: np.ndarray, normals: np.ndarray, mesh: Me
         row.indices[body[row.indices] != body[slave]]
         for row, slave in zip(nodes, rows.slaves, strict=True)
     ]
-    found = np.full(len(pairs), np.inf)
-    for place, own in enumerate(partners):
-        if len(own) > 1:
-            found[place] = pdist(points[own]).min()
-        elif len(own) == 1:
-            found[place] = mesh.width(own[0], normals[place])
+    spacing = np.full(len(pairs), np.inf)
+    for index, indices in enumerate(partners):
+        if len(indices) > 1:
+            spacing[index] = pdist(points[indices]).min()
+        elif len(indices) == 1:
+            spacing[index] = mesh.width(indices[0], normals[index])
     for pair in np.unique(pairs):
-        own = np.flatnonzero(pairs == pair)
-        both = np.isin(rows.slaves[own], np.concatenate([partners[place] for place in own])).any()
-        if own.size > 1 and not both:
-            there = points[rows.slaves[own]]
-            found[own] = np.minimum(found[own], cKDTree(there).query(there, k=2)[0][:, 1])
-    return np.where(np.isfinite(found) & [len(own) > 0 for own in partners], found, 0.0)
+        indices = np.flatnonzero(pairs == pair)
+        both = np.isin(
+            rows.slaves[indices], np.concatenate([partners[index] for index in indices])
+        ).any()
+        if indices.size > 1 and not both:
+            slave_points = points[rows.slaves[indices]]
+            spacing[indices] = np.minimum(
+                spacing[indices], cKDTree(slave_points).query(slave_points, k=2)[0][:, 1]
+            )
+    return np.where(np.isfinite(spacing) & [len(indices) > 0 for indices in partners], spacing, 0.0)
 
 
 class Mesh(MeshArrays):
@@ -139,15 +147,15 @@ class Mesh(MeshArrays):
     def _around(self) -> csr_matrix:
         """Cells of each node, (nodes, cells)."""
         cells, k = self.cells.shape
-        places = self.cells.ravel(), np.repeat(np.arange(cells), k)
-        return csr_matrix((np.ones(cells * k), places), shape=(len(self.points), cells))
+        entries = self.cells.ravel(), np.repeat(np.arange(cells), k)
+        return csr_matrix((np.ones(cells * k), entries), shape=(len(self.points), cells))
 
     def width(self, node: int, normal: np.ndarray) -> float:
         """Smallest distance from a node to others of its cells that lie across rather than along a
         normal, (dim,).
         """
-        others = np.setdiff1d(self.cells[self._around[node].indices], node)
-        ways = self.points[others] - self.points[node]
+        neighbours = np.setdiff1d(self.cells[self._around[node].indices], node)
+        ways = self.points[neighbours] - self.points[node]
         lengths = np.linalg.norm(ways, axis=1)
         return float(lengths[np.abs(ways @ normal) < 0.5 * lengths].min(initial=np.inf))
 
@@ -163,19 +171,19 @@ def _movable(
     """
     moving = csr_matrix(matrix.multiply(free.astype(float)))
     imposed = abs(matrix.multiply(~free) @ lifts)
-    every = np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel()
-    least = IMMOVABLE_TANGENT * abs(lifts).max() * np.sqrt(every)
+    squares = np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel()
+    least = IMMOVABLE_TANGENT * abs(lifts).max() * np.sqrt(squares)
     slipping = np.asarray(imposed.max(axis=1).todense()).ravel() > least
     blocks = []
     driven = []
     for first in range(0, matrix.shape[0], dim - 1):
-        own = slice(first, first + dim - 1)
-        rows = moving[own]
+        span = slice(first, first + dim - 1)
+        rows = moving[span]
         sizes, ways = np.linalg.eigh((rows @ rows.T).toarray())
-        moves = sizes > IMMOVABLE_TANGENT * every[own].max()
-        kept = moves | slipping[own].any()
-        blocks.append(np.eye(dim - 1) if moves.all() else ways[:, kept].T)
-        driven.append(~moves[kept])
+        moves = sizes > IMMOVABLE_TANGENT * squares[span].max()
+        movable = moves | slipping[span].any()
+        blocks.append(np.eye(dim - 1) if moves.all() else ways[:, movable].T)
+        driven.append(~moves[movable])
     turns = csr_matrix(block_diag([csr_matrix(block) for block in blocks]))
     return (
         turns,
@@ -194,19 +202,19 @@ def _said_twice(
     closed and stick, the distribution of the force is undetermined. ``pressing`` and ``matrix`` are
     pressures and tangential rows on free dofs.
     """
-    found = [np.flatnonzero(np.diff(matrix.indptr) == 0)]
-    for contact, others in _sharing_nodes(pressing, normal, dim).items():
-        neighbours = np.flatnonzero(np.isin(normal[owner], others))
-        span = vstack([pressing[others], matrix[neighbours]])
-        own = np.flatnonzero(owner == contact)
-        columns = np.unique(np.concatenate([span.indices, matrix[own].indices]))
+    undetermined = [np.flatnonzero(np.diff(matrix.indptr) == 0)]
+    for contact, conditions in _sharing_nodes(pressing, normal, dim).items():
+        neighbours = np.flatnonzero(np.isin(normal[owner], conditions))
+        span = vstack([pressing[conditions], matrix[neighbours]])
+        own_rows = np.flatnonzero(owner == contact)
+        columns = np.unique(np.concatenate([span.indices, matrix[own_rows].indices]))
         basis = linalg.orth(span[:, columns].toarray().T)
-        rows = matrix[own][:, columns].toarray()
-        left = rows - (rows @ basis) @ basis.T
-        least = np.linalg.svd(left, compute_uv=False).min(initial=1.0) ** 2
+        rows = matrix[own_rows][:, columns].toarray()
+        residual = rows - (rows @ basis) @ basis.T
+        least = np.linalg.svd(residual, compute_uv=False).min(initial=1.0) ** 2
         if least <= IMMOVABLE_TANGENT * (rows**2).sum(axis=1).max(initial=0.0):
-            found.append(own)
-    return np.unique(np.concatenate(found))
+            undetermined.append(own_rows)
+    return np.unique(np.concatenate(undetermined))
 
 
 def _sharing_nodes(normals: csr_matrix, normal: np.ndarray, dim: int) -> dict[int, np.ndarray]:
@@ -218,13 +226,15 @@ def _sharing_nodes(normals: csr_matrix, normal: np.ndarray, dim: int) -> dict[in
     touches = csr_matrix((np.ones(entries.nnz), (entries.row, entries.col // dim)), shape=shape)
     touches.data[:] = 1.0
     common = (touches[normal] @ touches.T).tocoo()
-    inside = (common.data == np.diff(touches.indptr)[common.col]) & (
+    included = (common.data == np.diff(touches.indptr)[common.col]) & (
         common.col != normal[common.row]
     )
-    found: dict[int, list[int]] = {}
-    for contact, row in zip(common.row[inside].tolist(), common.col[inside].tolist(), strict=True):
-        found.setdefault(contact, []).append(row)
-    return {contact: np.array(rows) for contact, rows in found.items()}
+    sharing: dict[int, list[int]] = {}
+    for contact, row in zip(
+        common.row[included].tolist(), common.col[included].tolist(), strict=True
+    ):
+        sharing.setdefault(contact, []).append(row)
+    return {contact: np.array(rows) for contact, rows in sharing.items()}
 
 
 def tangents_of(normals: np.ndarray) -> np.ndarray:
@@ -237,17 +247,21 @@ def tangents_of(normals: np.ndarray) -> np.ndarray:
     # one axis for the whole surface if it is nowhere a normal: neighbours agree, and so do changed
     # shapes
     common = np.abs(normals).max(axis=0)
-    places = np.full(m, common.argmin()) if common.min() < STEEP else np.abs(normals).argmin(axis=1)
+    axes = np.full(m, common.argmin()) if common.min() < STEEP else np.abs(normals).argmin(axis=1)
     axis = np.zeros((m, 3))
-    axis[np.arange(m), places] = 1.0
+    axis[np.arange(m), axes] = 1.0
     first = axis - (axis * normals).sum(axis=1)[:, None] * normals
     first /= np.linalg.norm(first, axis=1)[:, None]
     return np.stack([first, np.cross(normals, first)], axis=1)
 
 
 def tangential_rows(matrix: csr_matrix, normals: np.ndarray, tangents: np.ndarray) -> csr_matrix:
-    """Rows of B, (m, N), with k tangents each, (m, k, dim), instead of their normals, (m, dim): (m
-    k, N).
+    """Rows of B along k tangents instead of their normals, (m k, N).
+
+    Args:
+        matrix: rows of B along the normals, (m, N).
+        normals: normal of each row, (m, dim).
+        tangents: tangents of each row, (m, k, dim).
 
     Raises:
         SceneError: for rows that are not along a single normal, as sum_j w_j n·u_j is.
@@ -273,5 +287,5 @@ def tangential_rows(matrix: csr_matrix, normals: np.ndarray, tangents: np.ndarra
             "On curved sides of cells of second order take Mortar"
         )
     k = tangents.shape[1]
-    parts = vstack([along(tangents[:, j]) for j in range(k)])
-    return csr_matrix(csr_matrix(parts)[np.arange(m * k).reshape(k, m).T.ravel()])
+    stacked = vstack([along(tangents[:, j]) for j in range(k)])
+    return csr_matrix(csr_matrix(stacked)[np.arange(m * k).reshape(k, m).T.ravel()])

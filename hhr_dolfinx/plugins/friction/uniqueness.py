@@ -38,26 +38,28 @@ def coupling(schur: np.ndarray, friction: Friction, coefficient: np.ndarray) -> 
     frictional = np.isfinite(coefficient) & (coefficient > 0)
     # rows without effect on unknowns do not move anything, and their forces follow from all others
     acts = np.diag(schur) > 0
-    kept = frictional[friction.owner] & acts[friction.tangential]
-    if not kept.any():
+    bounded = frictional[friction.owner] & acts[friction.tangential]
+    if not bounded.any():
         return 0.0
-    rows = friction.tangential[kept]
-    owner = friction.owner[kept]
-    own, place = np.unique(owner, return_inverse=True)
+    rows = friction.tangential[bounded]
+    owner = friction.owner[bounded]
+    contacts, index = np.unique(owner, return_inverse=True)
     try:
         factor = linalg.cho_factor(schur[np.ix_(acts, acts)])
     except linalg.LinAlgError:
         return np.inf
-    normal = (np.cumsum(acts) - 1)[friction.normal[own]]
-    unit = np.zeros((int(acts.sum()), own.size))
-    unit[normal, np.arange(own.size)] = 1.0
-    inverse = linalg.cho_solve(factor, unit)[normal] * np.outer(coefficient[own], coefficient[own])
+    normal = (np.cumsum(acts) - 1)[friction.normal[contacts]]
+    unit = np.zeros((int(acts.sum()), contacts.size))
+    unit[normal, np.arange(contacts.size)] = 1.0
+    inverse = linalg.cho_solve(factor, unit)[normal] * np.outer(
+        coefficient[contacts], coefficient[contacts]
+    )
     tangential = schur[np.ix_(rows, rows)]
-    largest = np.zeros(own.size)
-    np.maximum.at(largest, place, np.diag(tangential))
+    largest = np.zeros(contacts.size)
+    np.maximum.at(largest, index, np.diag(tangential))
     weights = (largest / np.diag(inverse)) ** 0.25
     largest_normal = np.linalg.eigvalsh(inverse * np.outer(weights, weights))[-1]
-    largest_tangential = np.linalg.eigvalsh(tangential / np.outer(weights[place], weights[place]))[
+    largest_tangential = np.linalg.eigvalsh(tangential / np.outer(weights[index], weights[index]))[
         -1
     ]
     return math.sqrt(float(largest_normal) * float(largest_tangential))

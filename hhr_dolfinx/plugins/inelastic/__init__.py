@@ -44,7 +44,6 @@ PLUGIN = Plugin(
         f"{_HERE}.trained": "TrainedPaths",
         f"{_HERE}.update": "Group Material",
     },
-    methods={"force_correction": f"{_HERE}.project:force_correction"},
     recipes={"flowing": f"{_HERE}.recipe:flowing"},
     reductors={
         "plastic_correction": Way(

@@ -49,6 +49,10 @@ class GappyField:
         """Field from modes and the numbers of the values in the RID.
 
         Modes that these do not show have no amplitude.
+
+        Args:
+            modes: POD modes, (values, modes).
+            inside: numbers of the values in the RID.
         """
         return cls(modes, np.linalg.pinv(modes[inside], rcond=KNOWN_PART_ROUND_OFF))
 
@@ -76,17 +80,17 @@ class FlowFields:
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Modes of other points."""
         values = len(self.stress.modes)
-        known = self.stress.fit.shape[1]
+        evaluated = self.stress.fit.shape[1]
         components = values // max(self.gauss_points, 1)
-        if (values, known) != (components * self.gauss_points, components * self.points.size):
+        if (values, evaluated) != (components * self.gauss_points, components * self.points.size):
             yield (
-                f"{values} values of the stress, {known} of them known, are not the same for each "
-                "Gauss point"
+                f"{values} values of the stress, {evaluated} of them known, are not the same for "
+                "each Gauss point"
             )
         if self.cumulated is not None:
-            found = len(self.cumulated.modes), self.cumulated.fit.shape[1]
-            if found != (self.gauss_points, self.points.size):
-                yield f"{found} plastic strains are not one for each Gauss point"
+            sizes_of_modes = len(self.cumulated.modes), self.cumulated.fit.shape[1]
+            if sizes_of_modes != (self.gauss_points, self.points.size):
+                yield f"{sizes_of_modes} plastic strains are not one for each Gauss point"
 
     @property
     def places(self) -> int:
@@ -97,20 +101,22 @@ class FlowFields:
         """Stress of an answer at all Gauss points, of laws in the RID, (Gauss points,
         components).
         """
-        inside = state(answer).stress
-        field = self.stress.everywhere(inside.ravel()).reshape(self.gauss_points, inside.shape[1])
-        field[self.points] = inside
+        evaluated = state(answer).stress
+        field = self.stress.everywhere(evaluated.ravel()).reshape(
+            self.gauss_points, evaluated.shape[1]
+        )
+        field[self.points] = evaluated
         return field
 
     def plastic_strain(self, answer: Answer) -> np.ndarray:
         """Cumulated plastic strain of an answer at all Gauss points, never negative, (Gauss
         points,).
         """
-        inside = state(answer).state.cumulated
+        evaluated = state(answer).state.cumulated
         field = np.zeros(self.gauss_points)
         if self.cumulated is not None:
-            field = np.maximum(self.cumulated.everywhere(inside), 0.0)
-        field[self.points] = inside
+            field = np.maximum(self.cumulated.everywhere(evaluated), 0.0)
+        field[self.points] = evaluated
         return field
 
     def estimate(self, answer: Answer) -> Estimate:

@@ -76,10 +76,17 @@ def correction_strain(
     correction: np.ndarray,
     strain: StrainAt,
 ) -> np.ndarray:
-    """Strain ε_c of the correction of a full answer, (p, c), with that of the change of contact
-    forces.
+    """Strain ε_c of the correction of a full answer, (p, c).
 
-    With a law of interfaces it has no such part: forces depend on the path.
+    It includes that of the change of contact forces. With a law of interfaces it has no such part:
+    forces depend on the path.
+
+    Args:
+        full: full model of inelastic bodies.
+        elastic: elastic response of the full model.
+        answer: answer of the full model.
+        correction: its correction u_p, (N,).
+        strain: strain at p Gauss points.
     """
     problem = full.problem
     if problem.law.remembers:
@@ -89,11 +96,13 @@ def correction_strain(
     scale = elastic.factors.compliances(answer.parameter)[elastic.parts]
     free = scale * (elastic.forced @ theta) + elastic.given @ theta - problem.lifts @ theta
     if problem.held_by_contact:
-        found = equilibrium.elastic_statuses(theta)
+        statuses = equilibrium.elastic_statuses(theta)
     else:
         slack = problem.gaps @ theta - problem.contact @ free
-        found = active_set(equilibrium.elastic.equalities, slack, slack < 0, pairs=full.pairs)
-    return strain.of(correction - scale * (elastic.per_force @ (answer.multipliers - found.forces)))
+        statuses = active_set(equilibrium.elastic.equalities, slack, slack < 0, pairs=full.pairs)
+    return strain.of(
+        correction - scale * (elastic.per_force @ (answer.multipliers - statuses.forces))
+    )
 
 
 @dataclass(frozen=True)
@@ -109,7 +118,14 @@ class FlowingDomain:
     def of(
         cls, full: FullModel, basis: np.ndarray, answers: Sequence[Answer], sizes: np.ndarray
     ) -> FlowingDomain:
-        """Domain of training answers with corrections of given energy norms."""
+        """Domain of training answers with corrections.
+
+        Args:
+            full: full model of inelastic bodies.
+            basis: modes of the corrections, (N, ell).
+            answers: training answers.
+            sizes: energy norm of the correction of each, (S,).
+        """
         equilibrium = equilibrium_of(full)
         largest = np.zeros(equilibrium.material.gauss_points)
         for answer, size in zip(answers, sizes, strict=True):
@@ -136,24 +152,32 @@ class FlowingDomain:
         corrections: np.ndarray,
         sizes: np.ndarray,
     ) -> np.ndarray:
-        """ε_p - dev ε_c at training states, over the energy norms of their corrections, (S, p
-        c).
+        """ε_p - dev ε_c at training states over the energy norms of their corrections, (S, p c).
+
+        Args:
+            full: full model of inelastic bodies.
+            elastic: elastic response of the full model.
+            answers: training answers.
+            corrections: corrections of these answers, (N, S).
+            sizes: energy norms of the corrections, (S,).
         """
-        there = StrainAt(equilibrium_of(full).operator, self.points)
-        found = np.empty((len(answers), self.deviators[:, :, 0].size))
+        strain_at = StrainAt(equilibrium_of(full).operator, self.points)
+        states = np.empty((len(answers), self.deviators[:, :, 0].size))
         for k, (answer, correction) in enumerate(zip(answers, corrections.T, strict=True)):
             plastic = gauss_of(answer).state.inelastic[self.points]
-            strain = correction_strain(full, elastic, answer, correction, there)
-            found[k] = (plastic - deviator(strain)).ravel() / sizes[k]
-        return found
+            strain = correction_strain(full, elastic, answer, correction, strain_at)
+            states[k] = (plastic - deviator(strain)).ravel() / sizes[k]
+        return states
 
     def cubature(
         self, stressed: np.ndarray, settings: CorrectionSettings, start: Cubature | None = None
     ) -> Cubature:
-        """Points and weights for :meth:`stressed` states, (S, p c), and loosely for energies of the
-        modes.
+        """Points and weights for training states, and loosely for energies of the modes.
 
-        ``start`` is a cubature for fewer modes, or for a larger tolerance.
+        Args:
+            stressed: training states, (S, p c), see :meth:`stressed`.
+            settings: settings, whose tolerances count.
+            start: cubature for fewer modes or a larger tolerance; None for none.
         """
         # few rows with nearly the same products as all, by the method of snapshots
         squares, ways = linalg.eigh(stressed @ stressed.T)
@@ -166,16 +190,16 @@ class FlowingDomain:
         pairs = np.triu_indices(self.deviators.shape[2])
 
         def needed() -> Iterator[np.ndarray]:
-            for part in _chunks(self.points.size):
-                tested = self.weights[part, None, None] * self.stresses[part]
-                yield np.einsum("pcj,rpc->jrp", tested, few[:, part], optimize=True).reshape(
+            for span in _chunks(self.points.size):
+                tested = self.weights[span, None, None] * self.stresses[span]
+                yield np.einsum("pcj,rpc->jrp", tested, few[:, span], optimize=True).reshape(
                     -1, tested.shape[0]
                 )
 
         def energies() -> Iterator[np.ndarray]:
-            for part in _chunks(self.points.size):
-                tested = self.weights[part, None, None] * self.deviators[part]
-                yield np.einsum("pcj,pci->jip", tested, self.deviators[part], optimize=True)[pairs]
+            for span in _chunks(self.points.size):
+                tested = self.weights[span, None, None] * self.deviators[span]
+                yield np.einsum("pcj,pci->jip", tested, self.deviators[span], optimize=True)[pairs]
 
         rows = compressed(needed, 0.1 * settings.cubature)
         loose = compressed(energies, 0.1 * settings.stability)
@@ -319,7 +343,12 @@ class CorrectionSettings(Reductor["_Shared"]):
 
     @classmethod
     def usual(cls, settings: Any, *, fields: bool | None) -> Reductor:
-        """See :meth:`~hhr_dolfinx.reduction.reductor.Reductor.usual`; fields are always there."""
+        """See :meth:`~hhr_dolfinx.reduction.reductor.Reductor.usual`; fields are always there.
+
+        Args:
+            settings: None for the usual ones.
+            fields: not read: fields are always there.
+        """
         return cls() if settings is None else settings
 
     @property
@@ -328,7 +357,11 @@ class CorrectionSettings(Reductor["_Shared"]):
         return self.trust
 
     def check(self, task: Task) -> None:
-        """Refuse elastic scenes, and other trainings than of histories with plastic strain."""
+        """Refuse elastic scenes, and other trainings than of histories with plastic strain.
+
+        Raises:
+            ReductionError: for these.
+        """
         full = task.full
         snapshots = task.snapshots
         if full.equilibrium is None:
@@ -351,7 +384,12 @@ class CorrectionSettings(Reductor["_Shared"]):
             )
 
     def prepare(self, task: Task, before: _Shared | None = None) -> _Shared:
-        """Elastic response, corrections of training states, and modes of fields."""
+        """Elastic response, corrections of training states, and modes of fields.
+
+        Args:
+            task: full model, training answers and announcements.
+            before: data of an earlier attempt; None for none.
+        """
         full = task.full
         snapshots = task.snapshots
         assert snapshots is not None  # checked
@@ -379,7 +417,15 @@ class CorrectionSettings(Reductor["_Shared"]):
         return range(self.attempts)
 
     def attempt(self, prepared: _Shared, level: int) -> tuple[CondensedFlowModel, CorrectionFacts]:
-        """One model; without inelastic strain in training laws are linear, and corrections zero."""
+        """One model; without inelastic strain in training laws are linear, and corrections zero.
+
+        Args:
+            prepared: data that all attempts share.
+            level: number of the attempt, from 0 on.
+
+        Raises:
+            UnstableModelError: if the cubature gives a mode too large an energy.
+        """
         settings = replace(self, modes=self.modes / 3**level, cubature=self.cubature / 3**level)
         flows = any_flowed(prepared.snapshots)
         chosen = self._chosen(settings, prepared) if flows else _at_rest(prepared)
@@ -410,11 +456,11 @@ class CorrectionSettings(Reductor["_Shared"]):
                 problem, prepared.corrections, elastic, settings.modes, most
             )
         with log.stage("cubature", prepared.announce):
-            kept = np.flatnonzero(sizes > CORRECTION_ROUND_OFF * sizes.max(initial=0.0))
-            answers = [prepared.answers[k] for k in kept]
-            domain = FlowingDomain.of(full, basis, answers, sizes[kept])
+            corrected = np.flatnonzero(sizes > CORRECTION_ROUND_OFF * sizes.max(initial=0.0))
+            answers = [prepared.answers[k] for k in corrected]
+            domain = FlowingDomain.of(full, basis, answers, sizes[corrected])
             stressed = domain.stressed(
-                full, elastic, answers, prepared.corrections[:, kept], sizes[kept]
+                full, elastic, answers, prepared.corrections[:, corrected], sizes[corrected]
             )
             cubature = domain.cubature(
                 stressed, settings, prepared.known[-1] if prepared.known else None
@@ -436,14 +482,14 @@ class CorrectionSettings(Reductor["_Shared"]):
         from hhr_dolfinx.plugins.one_call.proposals import of_more_answers
 
         tolerance = search.target.error / 2  # a margin for errors that the check does not see
-        own = replace(
+        settings = replace(
             self, primal=min(self.primal, tolerance), dual=min(self.dual, tolerance), attempts=6
         )
         if (
             search.target.elastic
         ):  # else an output may need the stress, which must be refined further
-            own = replace(own, stress=math.inf, plastic=math.inf)
-        return of_more_answers(own, search)
+            settings = replace(settings, stress=math.inf, plastic=math.inf)
+        return of_more_answers(settings, search)
 
 
 @dataclass(frozen=True, eq=False)
@@ -606,11 +652,11 @@ def _watched(
     most = (flowed >= (1 - SYMMETRIC_POINTS) * largest).argmax(axis=1)[order]
     # start with the smallest states, the onset of plastic flow: more points would cost what a
     # cubature saves
-    known = set(cubature.points.tolist())
-    others = [point for point in dict.fromkeys(most.tolist()) if point not in known]
-    kept = np.array(others[: max(cubature.points.size // 10, WATCHED)], dtype=np.int64)
-    weights = np.append(cubature.weights * domain.weights[cubature.points], np.zeros(kept.size))
-    return np.append(domain.points[cubature.points], domain.points[kept]), weights
+    integrated = set(cubature.points.tolist())
+    candidates = [point for point in dict.fromkeys(most.tolist()) if point not in integrated]
+    watched = np.array(candidates[: max(cubature.points.size // 10, WATCHED)], dtype=np.int64)
+    weights = np.append(cubature.weights * domain.weights[cubature.points], np.zeros(watched.size))
+    return np.append(domain.points[cubature.points], domain.points[watched]), weights
 
 
 def _deviators(strains: np.ndarray, components: int) -> np.ndarray:
@@ -620,16 +666,18 @@ def _deviators(strains: np.ndarray, components: int) -> np.ndarray:
 
 def _by_body(groups: tuple[Group, ...], points: np.ndarray) -> tuple[tuple[Group, ...], np.ndarray]:
     """Groups of some points with consecutive indices, and the order of the points in them."""
-    found = []
+    groups_of_points = []
     order = []
     start = 0
     for group in groups:
-        own = np.flatnonzero(np.isin(points, group.indices))
-        if own.size:
-            found.append(group.some(points[own], np.arange(start, start + own.size)))
-            order.append(own)
-            start += own.size
-    return tuple(found), np.concatenate(order)
+        members = np.flatnonzero(np.isin(points, group.indices))
+        if members.size:
+            groups_of_points.append(
+                group.some(points[members], np.arange(start, start + members.size))
+            )
+            order.append(members)
+            start += members.size
+    return tuple(groups_of_points), np.concatenate(order)
 
 
 @dataclass(frozen=True)
@@ -648,8 +696,13 @@ class _FieldModes:
 
     @classmethod
     def of(cls, full: FullModel, snapshots: SnapshotSet) -> _FieldModes:
-        """Modes of training histories."""
-        states = [item.state for item in states_of(snapshots)]
+        """Modes of training histories.
+
+        Args:
+            full: full model of inelastic bodies.
+            snapshots: training answers.
+        """
+        states = [gauss.state for gauss in states_of(snapshots)]
         flowed = np.flatnonzero(np.any([state.inelastic.any(axis=1) for state in states], axis=0))
         plastic = state_modes(
             [state.inelastic[flowed].ravel() for state in states], FIELDS_LEFT_OUT["plastic"]
@@ -692,7 +745,12 @@ class _FieldModes:
         return cls(flowed, plastic, cumulated, displacements, bodies, kinds, grading)
 
     def on(self, points: np.ndarray, equilibrium: FullOrderEquilibrium) -> PlasticFields:
-        """Completion of fields from some points."""
+        """Completion of fields from some points.
+
+        Args:
+            points: numbers of the points, (n,).
+            equilibrium: equilibrium of the full model.
+        """
         rows = np.searchsorted(self.flowed, points)
         values = rows_of(rows, equilibrium.operator.components)
         count = max(values.size // SPARE, 1)

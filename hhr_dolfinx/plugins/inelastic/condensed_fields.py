@@ -96,7 +96,11 @@ class PlasticFields:
             yield f"a grading of {self.grading.size} points is not one of {self.places} points"
         components = self.strain.components
         count = self.plastic.modes.shape[1]
-        found = (*self.plastic.modes.shape, *self.plastic.fit.shape, self.cumulated.modes.shape[0])
+        sizes_of_modes = (
+            *self.plastic.modes.shape,
+            *self.plastic.fit.shape,
+            self.cumulated.modes.shape[0],
+        )
         wanted = (
             self.flowed.size * components,
             count,
@@ -105,11 +109,11 @@ class PlasticFields:
             self.flowed.size,
         )
         if (
-            found != wanted
+            sizes_of_modes != wanted
             or self.moved.shape[1] != count
             or self.cumulated.fit.shape[1] != self.points.size
         ):
-            yield f"modes of the plastic strain have sizes {found}, and not {wanted}"
+            yield f"modes of the plastic strain have sizes {sizes_of_modes}, and not {wanted}"
         if self.strain.weights.size != self.places or self.strain.size != len(self.moved):
             yield (
                 f"strains at all Gauss points are not those of {len(self.moved)} dofs and "
@@ -126,8 +130,8 @@ class PlasticFields:
         """2 μ of each Gauss point, or of anisotropic ones that of the last component, (Gauss
         points,).
         """
-        found = self.elastic[self.kinds, -1, -1]
-        return found * self.grading if self.grading.size else found
+        moduli = self.elastic[self.kinds, -1, -1]
+        return moduli * self.grading if self.grading.size else moduli
 
     def stress_of(self, answer: Answer) -> np.ndarray:
         """Stress of an answer, which depends on its elastic part: that of its fields."""
@@ -137,10 +141,10 @@ class PlasticFields:
         """Cumulated plastic strain of an answer at all Gauss points, never negative, (Gauss
         points,).
         """
-        inside = gauss_of(answer).state.cumulated
+        evaluated = gauss_of(answer).state.cumulated
         field = np.zeros(self.places)
-        field[self.flowed] = np.maximum(self.cumulated.everywhere(inside), 0.0)
-        field[self.points] = inside
+        field[self.flowed] = np.maximum(self.cumulated.everywhere(evaluated), 0.0)
+        field[self.points] = evaluated
         return field
 
     def estimate(self, answer: Answer) -> Estimate | None:
@@ -150,18 +154,20 @@ class PlasticFields:
     def stress(self, elastic: np.ndarray, theta: np.ndarray, plastic: np.ndarray) -> np.ndarray:
         """Stress at all Gauss points for the moduli of the middle, (Gauss points, components).
 
-        ``elastic``: displacement of loads and forces with the lift; ``plastic``: strain where laws
-        are evaluated.
+        Args:
+            elastic: displacement of loads and forces with the lift, (N,).
+            theta: amplitudes θ at its parameter.
+            plastic: plastic strain where laws are evaluated, (n, c).
         """
         shares = self.plastic.fit @ plastic.ravel()
-        found = self.strain.strain(elastic + self.moved @ shares)
+        field = self.strain.strain(elastic + self.moved @ shares)
         if self.unstressed.nnz:
-            found -= (self.unstressed @ theta).reshape(found.shape)
-        found[self.flowed] -= (self.plastic.modes @ shares).reshape(self.flowed.size, -1)
+            field -= (self.unstressed @ theta).reshape(field.shape)
+        field[self.flowed] -= (self.plastic.modes @ shares).reshape(self.flowed.size, -1)
         for kind, elastic in enumerate(self.elastic):
-            own = self.kinds == kind
-            found[own] = found[own] @ elastic
-        return found * self.grading[:, None] if self.grading.size else found
+            points = self.kinds == kind
+            field[points] = field[points] @ elastic
+        return field * self.grading[:, None] if self.grading.size else field
 
     def unforeseen(self, plastic: np.ndarray) -> np.ndarray:
         """Leave-one-out residual of the plastic strain at each point, times 2 μ, (n, components).
@@ -170,8 +176,8 @@ class PlasticFields:
         point without itself.
         """
         values = plastic.ravel()
-        left = (values - self.spanned @ (self.spanned.T @ values)).reshape(plastic.shape)
-        return np.einsum("nij,nj->ni", self.without, left)
+        residual = (values - self.spanned @ (self.spanned.T @ values)).reshape(plastic.shape)
+        return np.einsum("nij,nj->ni", self.without, residual)
 
     @cached_property
     def shown(self) -> np.ndarray:
@@ -198,8 +204,8 @@ class PlasticFields:
         count = self.points.size
         components = self.strain.components
         shown = self.shown.reshape(count, components, -1)
-        own = np.einsum("nik,knj->nij", shown, self.plastic.fit.reshape(-1, count, components))
-        open_, ways = np.linalg.eigh(np.eye(components) - (own + own.swapaxes(1, 2)) / 2)
+        leverage = np.einsum("nik,knj->nij", shown, self.plastic.fit.reshape(-1, count, components))
+        open_, ways = np.linalg.eigh(np.eye(components) - (leverage + leverage.swapaxes(1, 2)) / 2)
         ways *= np.sqrt(self.shear[self.points, None] / np.maximum(open_, LEVERAGE_LIMIT))[:, None]
         return ways @ ways.swapaxes(1, 2)
 
@@ -255,11 +261,11 @@ class CondensedFlowFields(Rebuilt, ModelFields):
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """Displacement on the whole mesh, lift included, (N,)."""
-        found = self._elastic(answer) + self.basis @ answer.unknown[: self.basis.shape[1]]
+        field = self._elastic(answer) + self.basis @ answer.unknown[: self.basis.shape[1]]
         return (
-            found
+            field
             if self.loose is None
-            else found + self.loose.modes @ self._motions_of(answer.unknown)
+            else field + self.loose.modes @ self._motions_of(answer.unknown)
         )
 
     def _motions_of(self, unknown: np.ndarray) -> np.ndarray:
@@ -295,9 +301,11 @@ class CondensedFlowFields(Rebuilt, ModelFields):
     def unexplained(self, answer: Answer) -> tuple[float, float]:
         """Norms of the leave-one-out residual, as a stress, and of σ, where laws are evaluated."""
         gauss = gauss_of(answer)
-        inside = self.flow.points
-        left = self.flow.unforeseen(gauss.state.inelastic) / self._giving(answer.parameter, inside)
-        return float(np.linalg.norm(left)), float(np.linalg.norm(gauss.stress))
+        points = self.flow.points
+        residual = self.flow.unforeseen(gauss.state.inelastic) / self._giving(
+            answer.parameter, points
+        )
+        return float(np.linalg.norm(residual)), float(np.linalg.norm(gauss.stress))
 
     def _giving(self, point: np.ndarray, places: Any = slice(None)) -> Any:
         """Compliance of some Gauss points relative to the middle of the box, (places, 1).
@@ -323,43 +331,56 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         functionals: Any = self.functionals
         rows = csr_matrix(functionals.rows)
         count = max(len(self.factors.moduli), 1)
-        masked = [rows @ diags((self.parts == part).astype(float)) for part in range(count)]
+        masked = [rows @ diags((self.parts == mask).astype(float)) for mask in range(count)]
         per_force, forced = (
-            np.array([part @ item for part in masked]) for item in (self.per_force, self.forced)
+            np.array([mask @ responses for mask in masked])
+            for responses in (self.per_force, self.forced)
         )
         motions = np.zeros((len(self.basis), 0)) if self.loose is None else self.loose.modes
         return rows @ self.basis, rows @ self.given, per_force, forced, rows @ motions
 
     def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """Rows of the outputs times the displacement, (K,)."""
-        per_mode, given, per_force, forced, motions = self._measures
+        """Rows of the outputs times the displacement, (K,).
+
+        Args:
+            answer: answer of the model.
+            theta: amplitudes θ at its parameter.
+        """
+        per_mode, imposed, per_force, forced, motions = self._measures
         elastic = forced @ theta - per_force @ answer.multipliers
-        found = given @ theta + per_mode @ answer.unknown[: per_mode.shape[1]]
+        products = imposed @ theta + per_mode @ answer.unknown[: per_mode.shape[1]]
         if self.loose is not None:
-            found = found + motions @ self._motions_of(answer.unknown)
-        return found + self.factors.compliances(answer.parameter) @ elastic
+            products = products + motions @ self._motions_of(answer.unknown)
+        return products + self.factors.compliances(answer.parameter) @ elastic
 
     def measured_changes(
         self, answer: Answer, changes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products:
-        :class:`~models.displacement.LinearDisplacement`.
+        """Derivatives of all forces and of the products of :meth:`measured`.
+
+        See :class:`~models.displacement.LinearDisplacement`.
+
+        Args:
+            answer: answer with a gradient.
+            changes: derivatives of θ, (1 + T, P).
         """
         assert answer.gradient is not None
-        per_mode, given, per_force, forced, motions = self._measures
+        per_mode, imposed, per_force, forced, motions = self._measures
         theta = self.amplitudes.dense(answer.parameter)
         compliances = self.factors.compliances(answer.parameter)
         forces = answer.gradient.multipliers
         elastic = forced @ theta - per_force @ answer.multipliers
-        found = given @ changes + per_mode @ answer.gradient.unknown[: per_mode.shape[1]]
+        slopes = imposed @ changes + per_mode @ answer.gradient.unknown[: per_mode.shape[1]]
         if self.loose is not None:
-            found = found + motions @ self._motions_of(answer.gradient.unknown)
-        found = found + np.tensordot(compliances, forced @ changes - per_force @ forces, 1)
-        return forces, found + elastic.T @ self.factors.slopes(answer.parameter)
+            slopes = slopes + motions @ self._motions_of(answer.gradient.unknown)
+        slopes = slopes + np.tensordot(compliances, forced @ changes - per_force @ forces, 1)
+        return forces, slopes + elastic.T @ self.factors.slopes(answer.parameter)
 
 
 MODULI_ROUND_OFF = 1e-9
-"""Relative difference of moduli in the middle of the box that counts as round-off."""
+"""Relative difference of moduli, or of a stiffness, in the middle of the box that counts as
+round-off.
+"""
 
 
 @dataclass(frozen=True)

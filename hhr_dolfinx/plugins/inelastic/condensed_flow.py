@@ -196,7 +196,12 @@ class CondensedEquilibrium(MarchingEquilibrium):
         self.free_strain = np.asfortranarray(self.scale[:, None] * flow.forced + flow.given)
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """See :class:`Equilibrium`; (n, c) on Z."""
+        """See :class:`Equilibrium`; (n, c) on Z.
+
+        Args:
+            x: unknown: correction, forces and motions, (n,).
+            theta: amplitudes θ at the parameter.
+        """
         return self._by_point(self.free_strain @ theta + self._strain_of(x))
 
     def strain_of(self, change: np.ndarray) -> np.ndarray:
@@ -223,36 +228,58 @@ class CondensedEquilibrium(MarchingEquilibrium):
     def touched(
         self, contact: StepContact, slack: np.ndarray, driving: np.ndarray, active: np.ndarray
     ) -> tuple[Statuses, np.ndarray]:
-        """Forces with their statuses by a law of contacts, under a slack without any, and motions,
-        (r,).
+        """Forces with their statuses by a law of contacts, and motions, (r,).
+
+        Args:
+            contact: law of the contacts in this step.
+            slack: slack without contact forces, (m,).
+            driving: loads along the motions, (r,).
+            active: statuses to start from, (m,) bool.
         """
         if self.motions is None:
             return contact.solved(self.equalities, slack, active, None), np.zeros(0)
         residual = self.motions.modes @ driving
         # corrections and responses to forces have none of the motions
-        found, moved = self.motions.solved(
+        statuses, moved = self.motions.solved(
             contact, slack, residual, lambda _: np.zeros(self.size), active, None
         )
-        return found, self.parts_of(moved)[2]
+        return statuses, self.parts_of(moved)[2]
 
     def pushed(self, contact: StepContact, found: Statuses, slack: np.ndarray) -> np.ndarray:
-        """Derivatives of the last forces by those of the slack, (m, K), at constant loads."""
+        """Derivatives of the last forces by those of the slack, (m, K), at constant loads.
+
+        Args:
+            contact: law of the contacts in this step.
+            found: solution of the contact problem.
+            slack: derivatives of the slack, (m, K).
+        """
         if self.motions is None or contact is not UNILATERAL_STEP:
             # a law holds loose bodies on springs, whose S it has
             return contact.changes(self.equalities, found, slack)
         return self.motions.changed(np.zeros((self.size, slack.shape[1])), slack, found.active)[0]
 
     def undetermined(self, found: Statuses, x: np.ndarray, theta: Theta) -> np.ndarray | None:
-        """Motions of an unknown that forces leave undetermined, (n, d); None without any."""
+        """Motions of an unknown that forces leave undetermined, (n, d); None without any.
+
+        Args:
+            found: forces with their statuses.
+            x: the unknown, (n,).
+            theta: amplitudes θ at the parameter.
+        """
         return undetermined(
             self.motions, found, lambda: self.slack_of(self.gaps(theta), x), self.law
         )
 
     def slack_of(self, gaps: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Slack of an unknown, gaps + S λ - B V g - B R q, or the change of it by changes."""
+        """Slack of an unknown, gaps + S λ - B V g - B R q, or its change.
+
+        Args:
+            gaps: gaps, (m,), or their change.
+            x: unknown: correction, forces and motions, (n,).
+        """
         correction, forces, motions = self.parts_of(x)
-        found = gaps + self.schur @ forces - self.flow.moved @ correction
-        return found if self.loose is None else found - self.loose.taken @ motions
+        slack = gaps + self.schur @ forces - self.flow.moved @ correction
+        return slack if self.loose is None else slack - self.loose.taken @ motions
 
     def strain_under(
         self, free: np.ndarray, correction: np.ndarray, forces: np.ndarray
@@ -280,17 +307,27 @@ class CondensedEquilibrium(MarchingEquilibrium):
         """Slack without correction and contact forces, (m,)."""
         return self._free_slack @ theta
 
-    def residual(self, x: np.ndarray, gauss: Any, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+    def residual(
+        self, x: np.ndarray, gauss: GaussState | Update, theta: Theta
+    ) -> tuple[np.ndarray, np.ndarray]:
         """R for the inelastic strain of ``gauss.state``, :mod:`plugins.inelastic.condensed_step`.
 
         Size of g, (1,).
+
+        Args:
+            x: unknown: correction, forces and motions, (n,).
+            gauss: ``state`` with the inelastic strain on Z.
+            theta: amplitudes θ at the parameter.
+
+        Returns:
+            of :mod:`plugins.inelastic.condensed_step`, and the size of g, (1,).
         """
         correction, forces, _ = self.parts_of(x)
         flow = self.flow
-        found = flow.tested @ gauss.state.inelastic.T.ravel() - flow.modal @ correction
-        found -= self.coupled @ (forces - self.elastic_forces(theta))
-        left = None if self.loose is None else self.driving(theta) - forces @ self.loose.taken
-        return self._tested(found, left), np.array([np.linalg.norm(correction)])
+        residual = flow.tested @ gauss.state.inelastic.T.ravel() - flow.modal @ correction
+        residual -= self.coupled @ (forces - self.elastic_forces(theta))
+        imbalance = None if self.loose is None else self.driving(theta) - forces @ self.loose.taken
+        return self._tested(residual, imbalance), np.array([np.linalg.norm(correction)])
 
     def _tested(self, residual: np.ndarray, balance: np.ndarray | None) -> np.ndarray:
         """A residual, (ell,), with that of the balance of loose bodies, (r,), in the places of
@@ -298,25 +335,31 @@ class CondensedEquilibrium(MarchingEquilibrium):
         """
         if self.motions is None:
             return residual
-        whole: np.ndarray = self.motions.modes @ balance
-        whole[: self.modes] = residual
-        return whole
+        unknowns: np.ndarray = self.motions.modes @ balance
+        unknowns[: self.modes] = residual
+        return unknowns
 
     def elastic_forces(self, theta: Theta) -> np.ndarray:
         """Contact forces λ_e of the elastic bodies, without plastic strain, (m,).
 
-        NotSolvableError without any.
+        Raises:
+            NotSolvableError: if there are none.
         """
         slack = self.gaps(theta)
-        found, _ = self.touched(UNILATERAL_STEP, slack, self.driving(theta), slack < 0)
-        if found.status is not Status.CONVERGED:
+        statuses, _ = self.touched(UNILATERAL_STEP, slack, self.driving(theta), slack < 0)
+        if statuses.status is not Status.CONVERGED:
             raise NotSolvableError(
-                f"the elastic contact problem has no solution: {found.status.value}"
+                f"the elastic contact problem has no solution: {statuses.status.value}"
             )
-        return found.forces
+        return statuses.forces
 
     def strain_along(self, x: np.ndarray, way: ParameterDirection) -> np.ndarray:
-        """See :class:`Equilibrium`; compliances change too."""
+        """See :class:`Equilibrium`; compliances change too.
+
+        Args:
+            x: unknown: correction, forces and motions, (n,).
+            way: point and direction of the parameters.
+        """
         change = self.free_strain @ way.change
         if self.moduli:
             elastic = self.flow.forced @ way.theta - self.parts_of(x)[1] @ self.flow.per_force
@@ -326,7 +369,12 @@ class CondensedEquilibrium(MarchingEquilibrium):
         return self._by_point(change)
 
     def gaps_along(self, x: np.ndarray, way: ParameterDirection) -> np.ndarray:
-        """See :class:`Equilibrium`."""
+        """See :class:`Equilibrium`.
+
+        Args:
+            x: unknown: correction, forces and motions, (n,).
+            way: point and direction of the parameters.
+        """
         if not self.moduli:
             return self.gaps(way.change)
         softer = self._softer(way)
@@ -338,21 +386,27 @@ class CondensedEquilibrium(MarchingEquilibrium):
         )
 
     def residual_along(self, x: np.ndarray, change: Update, way: ParameterDirection) -> np.ndarray:
-        """See :class:`Equilibrium`; elastic forces change on their active conditions."""
+        """See :class:`Equilibrium`; elastic forces change on their active conditions.
+
+        Args:
+            x: unknown: correction, forces and motions, (n,).
+            change: derivatives of stress and state.
+            way: point and direction of the parameters.
+        """
         flow = self.flow
-        found: np.ndarray = flow.tested @ change.state.inelastic.T.ravel()
+        residual: np.ndarray = flow.tested @ change.state.inelastic.T.ravel()
         driving = self.driving(way.change)
         if not self.law.remembers:  # else P is 0: forces of elastic bodies depend on the path
             elastic = self.elastic_forces(way.theta)
             unknown = np.zeros(self.size)
             unknown[self.modes : self.modes + self.conditions] = elastic
-            found = found + self.coupled @ self._elastic_changes(
+            residual = residual + self.coupled @ self._elastic_changes(
                 elastic, self.gaps_along(unknown, way), driving
             )
             if self.moduli:
                 softer = self._softer(way)[flow.mode_parts][:, None] * flow.coupled
-                found -= softer @ (self.parts_of(x)[1] - elastic)
-        return self._tested(found, driving)
+                residual -= softer @ (self.parts_of(x)[1] - elastic)
+        return self._tested(residual, driving)
 
     def _elastic_changes(
         self, forces: np.ndarray, slack: np.ndarray, driving: np.ndarray
@@ -374,8 +428,8 @@ class CondensedEquilibrium(MarchingEquilibrium):
 
         Steps balance on Z for any plastic strain, and all rows are kept.
         """
-        left, size = self.fields.unexplained(answer)
-        return Signs(0.0, 0.0, 0.0, misfit=left, stress=size)
+        misfit, size = self.fields.unexplained(answer)
+        return Signs(0.0, 0.0, 0.0, misfit=misfit, stress=size)
 
     def linearised(self, tangents: np.ndarray) -> _CondensedLinearisation:
         """See :class:`Equilibrium`."""
@@ -404,13 +458,13 @@ class CondensedEquilibrium(MarchingEquilibrium):
             flow.modal,
             self.coupled,
         )
-        rest = (
+        further = (
             flow.ends,
             float(np.linalg.norm(flow.tested)),
             np.array([flow.per_mode, flow.tested], dtype=np.float32),
         )
-        every: list[Any] = [*map(np.ascontiguousarray, arrays), *rest]
-        return StepModel(*every)
+        fields: list[Any] = [*map(np.ascontiguousarray, arrays), *further]
+        return StepModel(*fields)
 
 
 class _CondensedLinearisation:
@@ -440,9 +494,7 @@ class _CondensedLinearisation:
 
     @cached_property
     def motions(self) -> LinearisedKernel | None:
-        """Those of loose bodies, beside S with the corrections that forces cause; None without
-        any.
-        """
+        """Motions of loose bodies on S, with the corrections that forces cause; None without."""
         model = self._model
         if model.motions is None:
             return None
@@ -458,34 +510,45 @@ class _CondensedLinearisation:
     def solve(self, residual: np.ndarray) -> np.ndarray:
         """Correction under a residual, and neither forces nor motions, (ell + m + r,)."""
         model = self._model
-        found = np.zeros(model.size)
-        found[: model.modes] = self._corrected(residual[: model.modes])
-        return found
+        solution = np.zeros(model.size)
+        solution[: model.modes] = self._corrected(residual[: model.modes])
+        return solution
 
     def push(self, forces: np.ndarray) -> np.ndarray:
-        """The same less those under forces, (m,)."""
+        """Unknown without contact forces less that under forces, (m,)."""
         nothing = np.zeros(self._model.size - self._model.modes - forces.size)
         return np.concatenate([self._per_force @ forces, -forces, nothing])
 
     def slack_of(self, gaps: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """See :meth:`CondensedEquilibrium.slack_of`."""
+        """See :meth:`CondensedEquilibrium.slack_of`.
+
+        Args:
+            gaps: gaps, (m,), or their change.
+            x: unknown: correction, forces and motions, (n,).
+        """
         return self._model.slack_of(gaps, x)
 
     def changed(
         self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Solve Q dg + P dλ = tested dε_p/dε (E_p dg - E_X^T dλ) + residual, B V dg - S dλ = gaps
-        where active.
+        """Solve the linearised step for small changes.
 
-        Elsewhere dλ = 0. Returns (dg, dλ) and dλ.
+        Q dg + P dλ = tested dε_p/dε (E_p dg - E_X^T dλ) + residual, B V dg - S dλ = gaps where
+        active. Elsewhere dλ = 0.
+
+        Returns:
+            (dg, dλ) and dλ.
+
+        Raises:
+            NotSolvableError: if the system is singular.
         """
         model = self._model
         if self.motions is not None:
             free = self.solve(residual)
-            found, moved = self.motions.changed(
+            solution, moved = self.motions.changed(
                 residual[:, None], self.slack_of(gaps, free)[:, None], active
             )
-            return free - self.push(found[:, 0]) + moved[:, 0], found[:, 0]
+            return free - self.push(solution[:, 0]) + moved[:, 0], solution[:, 0]
         on = np.flatnonzero(active)
         per_force = (self._tested * model.scale) @ model.flow.per_force[on].T + model.coupled[:, on]
         size = model.modes
@@ -495,12 +558,12 @@ class _CondensedLinearisation:
         matrix[size:, :size] = model.flow.moved[on]
         matrix[size:, size:] = -model.schur[np.ix_(on, on)]
         try:
-            found = np.linalg.solve(matrix, np.concatenate([residual, gaps[on]]))
+            solution = np.linalg.solve(matrix, np.concatenate([residual, gaps[on]]))
         except np.linalg.LinAlgError as error:
             raise NotSolvableError(f"the derivative of a step has no solution: {error}") from error
         forces = np.zeros(model.conditions)
-        forces[on] = found[size:]
-        return np.concatenate([found[:size], forces]), forces
+        forces[on] = solution[size:]
+        return np.concatenate([solution[:size], forces]), forces
 
 
 _WHY = {
@@ -535,10 +598,12 @@ class CondensedStepper(CorrectionStepper):
         theta = model.amplitudes(goal.parameter)
         before = gauss_of(here).state
         memory = np.concatenate([before.inelastic.T, before.cumulated[None], before.memory.T])
-        rest = memory, goal.time - here.time
+        further = memory, goal.time - here.time
         laws: StepLaws = self._last.of(material, lambda: laws_of(material))
         # without a correction, so that these are the forces of the elastic bodies
-        load = StepLoad(model.free_strain @ theta, self._elastic.forces, model.gaps(theta), *rest)
+        load = StepLoad(
+            model.free_strain @ theta, self._elastic.forces, model.gaps(theta), *further
+        )
         if not touch(self._arrays, load, self._elastic):
             raise Diverged("the elastic contact problem has no solution")
         spent = 0
@@ -548,14 +613,14 @@ class CondensedStepper(CorrectionStepper):
             spent += int(self._work.numbers[compiled_step.ITERATION])
             if code == compiled_step.CONVERGED:
                 return self._answer(goal, load, spent)
-        left = self._work.numbers[compiled_step.MERIT] / max(
+        ratio = self._work.numbers[compiled_step.MERIT] / max(
             float(np.linalg.norm(self._work.here)), 1e-300
         )
-        why = self._complaint(load, material) if code == compiled_step.NOT_FINITE else _WHY[code]
+        reason = self._complaint(load, material) if code == compiled_step.NOT_FINITE else _WHY[code]
         left_over = (
-            f", with a residual of {left:.2g} of the correction" if np.isfinite(left) else ""
+            f", with a residual of {ratio:.2g} of the correction" if np.isfinite(ratio) else ""
         )
-        raise Diverged(f"{why}{left_over} after {spent} iterations")
+        raise Diverged(f"{reason}{left_over} after {spent} iterations")
 
     def _solve(self, load: StepLoad, laws: StepLaws) -> int:
         """Try once from the correction in the work arrays; returns why it ended."""
@@ -588,8 +653,10 @@ class CondensedStepper(CorrectionStepper):
         gauss = GaussState(stress, state)
         forces = work.forces.copy()
         unknown = np.concatenate([work.here, forces])
-        how = work.active.copy(), iterations, Status.CONVERGED, False, model.fields
-        return Answer(goal.parameter, unknown, forces, *how, goal.time, memory=Memory(gauss=gauss))
+        status_of_step = work.active.copy(), iterations, Status.CONVERGED, False, model.fields
+        return Answer(
+            goal.parameter, unknown, forces, *status_of_step, goal.time, memory=Memory(gauss=gauss)
+        )
 
 
 def _state(memory: np.ndarray, components: int) -> InternalVariables:
@@ -603,11 +670,11 @@ def laws_of(material: Material) -> StepLaws:
     numbers = np.cumsum([law is not None for law in laws]) - 1
     numbers[[law is None for law in laws]] = -1
     constants = np.zeros(
-        (max(len(given.constants) for given in material.given), material.gauss_points)
+        (max(len(law_numbers.constants) for law_numbers in material.given), material.gauss_points)
     )
-    for group, given in zip(material.groups, material.given, strict=True):
-        constants[: len(given.constants), group.indices] = given.constants
-    compliance = np.stack([given.compliance for given in material.given])
+    for group, law_numbers in zip(material.groups, material.given, strict=True):
+        constants[: len(law_numbers.constants), group.indices] = law_numbers.constants
+    compliance = np.stack([law_numbers.compliance for law_numbers in material.given])
     return StepLaws(material.code, numbers, constants, compliance, material.grading)
 
 
@@ -669,6 +736,8 @@ class CondensedFlowModel(KeptModel):
         )
         factors = [modulus.factor for modulus in flow.factors.moduli] or ["1"]
         for group in flow.groups:
-            own = group.young if isinstance(group.young, str) else "1"
-            if {factors[part] for part in np.unique(flow.parts[group.indices])} != {own}:
+            modulus_of_group = group.young if isinstance(group.young, str) else "1"
+            if {factors[number] for number in np.unique(flow.parts[group.indices])} != {
+                modulus_of_group
+            }:
                 yield f"points with young = {group.young} are not on the part of this modulus"

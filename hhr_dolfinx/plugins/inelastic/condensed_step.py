@@ -38,6 +38,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
+from hhr_dolfinx.contact.active_set import STATUS_TOLERANCE
 from hhr_dolfinx.plugins.inelastic.local_solver import MEMORY, Code, solve_points, subtract
 
 EVALUATE, CONVERGED, STALLED, LIMIT, NOT_FINITE, CONTACT = range(6)
@@ -121,7 +122,15 @@ class WorkArrays(NamedTuple):
     def of(
         cls, modes: int, conditions: int, points: int, components: int, memory: int
     ) -> WorkArrays:
-        """Arrays of these sizes, without active conditions."""
+        """Arrays of some sizes, without active conditions.
+
+        Args:
+            modes: number of modes.
+            conditions: number of contact conditions.
+            points: number of points.
+            components: components of a strain, 4 or 6.
+            memory: rows of the memory.
+        """
         # not by shape: two sizes may be the same
         shapes: dict[str, Any] = dict.fromkeys(
             ("here", "there", "direction", "residual", "left"), modes
@@ -131,8 +140,8 @@ class WorkArrays(NamedTuple):
         shapes |= {"strain": components * points, "rows": (conditions, components * points)}
         shapes |= {"inverse": (conditions, conditions), "numbers": NUMBERS}
         arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
-        whole = {"order": conditions, "result": points}
-        arrays |= {name: np.zeros(count, dtype=np.int64) for name, count in whole.items()}
+        counts = {"order": conditions, "result": points}
+        arrays |= {name: np.zeros(count, dtype=np.int64) for name, count in counts.items()}
         arrays |= {"slopes": np.zeros((components, components, points), dtype=np.float32)}
         return cls(**arrays, active=np.zeros(conditions, dtype=bool))
 
@@ -145,10 +154,6 @@ UPDATES = 64
 """Updates of the inverse of S_AA after which it is computed again: round-off of as many stays below
 1e-12.
 """
-CONDENSED_STATUS_TOLERANCE = 1e-11
-"""Negative forces and slacks below this part of the largest are round-off, as in
-:mod:`contact.active_set`.
-"""
 
 COMPILED_STEPS = "steps of condensed flow"
 """Name of the compiled functions, for messages."""
@@ -158,15 +163,25 @@ COMPILED_STEPS = "steps of condensed flow"
 def touch(model: StepModel, load: StepLoad, work: WorkArrays) -> bool:
     """Solve for contact forces at ``work.there`` from the present statuses.
 
-    Returns False if none were found.
+    Args:
+        model: arrays of the model.
+        load: input of the step.
+        work: work arrays of the step.
+
+    Returns:
+        False if none were found.
     """
     return touched(model, load.slack, work)
 
 
 @compiled(inner=True)
 def touched(model: StepModel, free: np.ndarray, work: WorkArrays) -> bool:
-    """Solve as :func:`touch` does, from the slack without a correction, for other compiled
-    functions.
+    """Solve as :func:`touch` does, for other compiled functions.
+
+    Args:
+        model: arrays of the model.
+        free: slack without a correction, (m,).
+        work: work arrays of the step.
     """
     slack = work.slack
     for i in range(slack.size):
@@ -178,7 +193,17 @@ def touched(model: StepModel, free: np.ndarray, work: WorkArrays) -> bool:
 
 
 @compiled(inner=True)
-def _search(slack, forces, schur, per_force, inverse, order, active, rows, numbers):
+def _search(
+    slack: np.ndarray,
+    forces: np.ndarray,
+    schur: np.ndarray,
+    per_force: np.ndarray,
+    inverse: np.ndarray,
+    order: np.ndarray,
+    active: np.ndarray,
+    rows: np.ndarray,
+    numbers: np.ndarray,
+) -> bool:
     """Solve for the forces under a slack and their statuses.
 
     All wrong statuses are switched at once as long as that brings progress, then the first wrong
@@ -190,12 +215,12 @@ def _search(slack, forces, schur, per_force, inverse, order, active, rows, numbe
     fewest = m + 1
     patience = SWITCH_ALL_ITERATIONS
     local = np.empty(m)
-    found = np.empty(m)
+    trial = np.empty(m)
     wrong = np.empty(m, dtype=np.bool_)
     anew = False
     for _ in range(100 * m + 100):
-        largest = _forces(slack, forces, found, local, schur, inverse, order, int(numbers[COUNT]))
-        count = _mark(slack, forces, found, active, largest, wrong)
+        largest = _forces(slack, forces, trial, local, schur, inverse, order, int(numbers[COUNT]))
+        count = _mark(slack, forces, trial, active, largest, wrong)
         if count == 0:
             return bool(np.isfinite(largest))
         if count < fewest:
@@ -221,7 +246,16 @@ def _search(slack, forces, schur, per_force, inverse, order, active, rows, numbe
 
 
 @compiled(inner=True)
-def _forces(slack, forces, found, local, schur, inverse, order, count):
+def _forces(
+    slack: np.ndarray,
+    forces: np.ndarray,
+    found: np.ndarray,
+    local: np.ndarray,
+    schur: np.ndarray,
+    inverse: np.ndarray,
+    order: np.ndarray,
+    count: int,
+) -> float:
     """Compute forces of the active conditions and the slack ``found`` under them.
 
     Returns the largest force.
@@ -245,7 +279,14 @@ def _forces(slack, forces, found, local, schur, inverse, order, count):
 
 
 @compiled(inner=True)
-def _mark(slack, forces, found, active, largest, wrong):
+def _mark(
+    slack: np.ndarray,
+    forces: np.ndarray,
+    found: np.ndarray,
+    active: np.ndarray,
+    largest: float,
+    wrong: np.ndarray,
+) -> int:
     """Mark the conditions that pull or overlap by more than round-off; returns their number."""
     through = 0.0
     for i in range(wrong.size):
@@ -253,15 +294,24 @@ def _mark(slack, forces, found, active, largest, wrong):
     count = 0
     for i in range(wrong.size):
         if active[i]:
-            wrong[i] = forces[i] < -CONDENSED_STATUS_TOLERANCE * largest
+            wrong[i] = forces[i] < -STATUS_TOLERANCE * largest
         else:
-            wrong[i] = found[i] < -CONDENSED_STATUS_TOLERANCE * through
+            wrong[i] = found[i] < -STATUS_TOLERANCE * through
         count += wrong[i]
     return count
 
 
 @compiled(inner=True)
-def _switch(schur, per_force, inverse, order, active, rows, numbers, condition):
+def _switch(
+    schur: np.ndarray,
+    per_force: np.ndarray,
+    inverse: np.ndarray,
+    order: np.ndarray,
+    active: np.ndarray,
+    rows: np.ndarray,
+    numbers: np.ndarray,
+    condition: int,
+) -> bool:
     """Change a status and update the inverse of S_AA.
 
     Returns False and changes nothing if that is singular.
@@ -285,7 +335,15 @@ def _switch(schur, per_force, inverse, order, active, rows, numbers, condition):
 
 
 @compiled(inner=True)
-def _join(schur, per_force, inverse, order, rows, condition, count):
+def _join(
+    schur: np.ndarray,
+    per_force: np.ndarray,
+    inverse: np.ndarray,
+    order: np.ndarray,
+    rows: np.ndarray,
+    condition: int,
+    count: int,
+) -> bool:
     """Border the inverse of S_AA by one condition."""
     column = np.zeros(count)
     for a in range(count):
@@ -311,20 +369,22 @@ def _join(schur, per_force, inverse, order, rows, condition, count):
 
 
 @compiled(inner=True)
-def _leave(inverse, order, rows, condition, count):
+def _leave(
+    inverse: np.ndarray, order: np.ndarray, rows: np.ndarray, condition: int, count: int
+) -> None:
     """Remove one condition from the inverse of S_AA."""
-    place = 0
-    while order[place] != condition:
-        place += 1
+    position = 0
+    while order[position] != condition:
+        position += 1
     last = count - 1
-    if place != last:
-        order[place] = order[last]
+    if position != last:
+        order[position] = order[last]
         for k in range(rows.shape[1]):
-            rows[place, k] = rows[last, k]
+            rows[position, k] = rows[last, k]
         for a in range(count):
-            inverse[place, a], inverse[last, a] = inverse[last, a], inverse[place, a]
+            inverse[position, a], inverse[last, a] = inverse[last, a], inverse[position, a]
         for a in range(count):
-            inverse[a, place], inverse[a, last] = inverse[a, last], inverse[a, place]
+            inverse[a, position], inverse[a, last] = inverse[a, last], inverse[a, position]
     for a in range(last):
         factor = inverse[a, last] / inverse[last, last]
         for b in range(last):
@@ -332,7 +392,7 @@ def _leave(inverse, order, rows, condition, count):
 
 
 @compiled(inner=True)
-def _refresh(schur, inverse, order, count):
+def _refresh(schur: np.ndarray, inverse: np.ndarray, order: np.ndarray, count: int) -> None:
     """Compute the inverse of S_AA from S."""
     if count == 0:
         return
@@ -340,14 +400,14 @@ def _refresh(schur, inverse, order, count):
     for a in range(count):
         for b in range(count):
             block[a, b] = schur[order[a], order[b]]
-    found = _inverse_of(block)
+    inverted = _inverse_of(block)
     for a in range(count):
         for b in range(count):
-            inverse[a, b] = found[a, b]
+            inverse[a, b] = inverted[a, b]
 
 
 @compiled(inner=True)
-def _inverse_of(matrix):
+def _inverse_of(matrix: np.ndarray) -> np.ndarray:
     """The inverse of a matrix; LinAlgError for a singular one."""
     return np.linalg.inv(matrix)
 
@@ -357,7 +417,17 @@ ANY_ORDER = {"reassoc", "contract"}
 
 
 @compiled(inner=True, fastmath=ANY_ORDER)
-def _set_strain(strain, free, forces, order, count, rows, scale, there, per_mode):
+def _set_strain(
+    strain: np.ndarray,
+    free: np.ndarray,
+    forces: np.ndarray,
+    order: np.ndarray,
+    count: int,
+    rows: np.ndarray,
+    scale: np.ndarray,
+    there: np.ndarray,
+    per_mode: np.ndarray,
+) -> None:
     """Compute the strain that the laws see, at ``there`` under the forces there."""
     for k in range(strain.size):
         strain[k] = 0.0
@@ -376,7 +446,9 @@ def _set_strain(strain, free, forces, order, count, rows, scale, there, per_mode
 
 
 @compiled(inner=True)
-def _evaluate(ends, load, laws, work, tangent):
+def _evaluate(
+    ends: np.ndarray, load: StepLoad, laws: StepLaws, work: WorkArrays, tangent: bool
+) -> None:
     """Evaluate the laws at the strain in ``work``: stress, memory, and with ``tangent`` slopes of
     inelastic strain.
     """
@@ -388,18 +460,27 @@ def _evaluate(ends, load, laws, work, tangent):
         end = ends[group]
         law = laws.numbers[group]
         if law >= 0:  # else memory and slopes stay 0
-            given = laws.constants, laws.compliance[group], laws.grading
-            found = work.stress, work.memory, tangents, work.result
-            solve_points(laws.code, law, start, end, strain, load.memory, load.dt, *given, *found)
+            numbers = laws.constants, laws.compliance[group], laws.grading
+            results = work.stress, work.memory, tangents, work.result
+            solve_points(
+                laws.code, law, start, end, strain, load.memory, load.dt, *numbers, *results
+            )
             for i in range(laws.code.sizes[law, MEMORY], len(work.memory)):
                 work.memory[i, start:end] = load.memory[i, start:end]
             if tangent:
-                _store_slopes(work.slopes, tangents, given[1], laws.grading, start, end)
+                _store_slopes(work.slopes, tangents, numbers[1], laws.grading, start, end)
         start = end
 
 
 @compiled(inner=True)
-def _store_slopes(slopes, tangents, compliance, grading, start, end):
+def _store_slopes(
+    slopes: np.ndarray,
+    tangents: np.ndarray,
+    compliance: np.ndarray,
+    grading: np.ndarray,
+    start: int,
+    end: int,
+) -> None:
     """1 - C^-1 H at the points of a group."""
     for i in range(len(compliance)):
         for j in range(len(compliance)):
@@ -412,7 +493,7 @@ def _store_slopes(slopes, tangents, compliance, grading, start, end):
 
 
 @compiled(inner=True)
-def _flows(memory, old, components):
+def _flows(memory: np.ndarray, old: np.ndarray, components: int) -> bool:
     """True if the inelastic strain of any point changes in the step."""
     for i in range(components):
         for k in range(memory.shape[1]):
@@ -422,7 +503,7 @@ def _flows(memory, old, components):
 
 
 @compiled(inner=True)
-def _possible(result):
+def _possible(result: np.ndarray) -> bool:
     """True if all laws have an answer."""
     for k in range(result.size):
         if result[k] != 0:
@@ -431,7 +512,17 @@ def _possible(result):
 
 
 @compiled(inner=True, fastmath=ANY_ORDER)
-def _set_residual(tested, memory, components, modal, there, coupled, forces, elastic, residual):
+def _set_residual(
+    tested: np.ndarray,
+    memory: np.ndarray,
+    components: int,
+    modal: np.ndarray,
+    there: np.ndarray,
+    coupled: np.ndarray,
+    forces: np.ndarray,
+    elastic: np.ndarray,
+    residual: np.ndarray,
+) -> float:
     """Compute R; returns the sum of its entries, which is finite if all are."""
     flat = memory[:components].reshape(-1)
     total = 0.0
@@ -449,21 +540,21 @@ def _set_residual(tested, memory, components, modal, there, coupled, forces, ela
 
 
 @compiled(inner=True, fastmath=ANY_ORDER)
-def _flowing_of(tested, slopes):
+def _flowing_of(tested: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     """w (G V)^T C dε_p/dε, (ell, c n)."""
     # indices that are no sums, as loops over others do not vectorise
-    parts = tested.reshape((len(tested), len(slopes), slopes.shape[2]))
-    found = np.empty(parts.shape, dtype=np.float32)
+    weights = tested.reshape((len(tested), len(slopes), slopes.shape[2]))
+    products = np.empty(weights.shape, dtype=np.float32)
     total = np.empty(slopes.shape[2], dtype=np.float32)
-    for j in range(len(found)):
+    for j in range(len(products)):
         for i in range(len(slopes)):
             total[:] = 0.0
             for m in range(len(slopes)):
                 for k in range(total.size):
-                    total[k] += parts[j, m, k] * slopes[m, i, k]
+                    total[k] += weights[j, m, k] * slopes[m, i, k]
             for k in range(total.size):
-                found[j, i, k] = total[k]
-    return found.reshape(tested.shape)
+                products[j, i, k] = total[k]
+    return products.reshape(tested.shape)
 
 
 LEAST_NEWTON_SHARE = 1 / 256
@@ -484,8 +575,13 @@ def solve(
 ) -> int:
     """Solve a step from the correction in ``work.there`` and the statuses in ``work``.
 
-    A step is solved at ``tolerance``, |R| over the size of the correction; ``most`` limits the
-    evaluations of the laws.
+    Args:
+        model: arrays of the model.
+        load: input of the step.
+        work: work arrays of the step.
+        laws: laws of the groups of points.
+        tolerance: tolerance of |R| over the size of the correction.
+        most: limit of the evaluations of the laws.
     """
     numbers = work.numbers
     numbers[ITERATION] = 0.0
@@ -504,7 +600,9 @@ def solve(
 
 
 @compiled(inner=True)
-def _judge(model, load, work, laws, tolerance, most):
+def _judge(
+    model: StepModel, load: StepLoad, work: WorkArrays, laws: StepLaws, tolerance: float, most: int
+) -> int:
     numbers = work.numbers
     numbers[ITERATION] += 1
     first = numbers[MERIT] == np.inf
@@ -518,8 +616,8 @@ def _judge(model, load, work, laws, tolerance, most):
     if fine:
         coupling = model.coupled, work.forces, load.forces
         tested = model.tested, work.memory, work.stress.shape[0]
-        left = _set_residual(*tested, model.modal, work.there, *coupling, work.residual)
-        fine = bool(np.isfinite(left))
+        total = _set_residual(*tested, model.modal, work.there, *coupling, work.residual)
+        fine = bool(np.isfinite(total))
     if not fine:
         # the correction is too large: a law has no answer there
         return NOT_FINITE if first else _nearer(work, most)
@@ -547,7 +645,7 @@ def _judge(model, load, work, laws, tolerance, most):
 
 
 @compiled(inner=True, fastmath=ANY_ORDER)
-def _norm(values):
+def _norm(values: np.ndarray) -> float:
     total = 0.0
     for value in values:
         total += value * value
@@ -555,7 +653,9 @@ def _norm(values):
 
 
 @compiled(inner=True)
-def _learn(there, here, newton, left, residual):
+def _learn(
+    there: np.ndarray, here: np.ndarray, newton: np.ndarray, left: np.ndarray, residual: np.ndarray
+) -> None:
     """Update the inverse of -J by the step just made (Broyden 1965, the first of his updates)."""
     ell = here.size
     missed = np.empty(ell)
@@ -578,7 +678,7 @@ def _learn(there, here, newton, left, residual):
 
 
 @compiled(inner=True)
-def _go(work):
+def _go(work: WorkArrays) -> int:
     """Make a full Newton step from ``here``."""
     total = 0.0
     for i in range(work.here.size):
@@ -593,7 +693,7 @@ def _go(work):
 
 
 @compiled(inner=True)
-def _nearer(work, most):
+def _nearer(work: WorkArrays, most: int) -> int:
     """Recompute J at ``here`` if it is outdated; otherwise halve the step."""
     numbers = work.numbers
     if numbers[ITERATION] >= most:
@@ -614,7 +714,7 @@ def _nearer(work, most):
 
 
 @compiled(inner=True)
-def _linearise(model, load, work, laws):
+def _linearise(model: StepModel, load: StepLoad, work: WorkArrays, laws: StepLaws) -> bool:
     """Compute the inverse of -J at ``work.here`` from laws, strain and statuses there.
 
     Returns False if J is singular.
@@ -641,12 +741,12 @@ def _linearise(model, load, work, laws):
     if _flows(work.memory, load.memory, work.stress.shape[0]):
         _evaluate(model.ends, load, laws, work, True)
         _add_flowing(model, work, responses, jacobian)
-    found = _inverse_of(jacobian)
+    inverted = _inverse_of(jacobian)
     total = 0.0
     for i in range(ell):
         for j in range(ell):
-            work.newton[i, j] = found[i, j]
-            total += found[i, j]
+            work.newton[i, j] = inverted[i, j]
+            total += inverted[i, j]
     # a singular J marked as outdated would stop all steps to come
     regular = bool(np.isfinite(total))
     work.numbers[LINEAR] = NEW_TANGENT if regular else NO_TANGENT
@@ -654,7 +754,9 @@ def _linearise(model, load, work, laws):
 
 
 @compiled(inner=True)
-def _add_flowing(model, work, responses, jacobian):
+def _add_flowing(
+    model: StepModel, work: WorkArrays, responses: np.ndarray, jacobian: np.ndarray
+) -> None:
     """Add the plastic part of -J, by W."""
     count, ell = responses.shape
     flowing = _flowing_of(model.single[1], work.slopes)

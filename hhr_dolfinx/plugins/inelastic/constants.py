@@ -12,38 +12,40 @@ import numpy as np
 from hhr_dolfinx.amplitudes import RANGES
 from hhr_dolfinx.body import Body
 from hhr_dolfinx.errors import ParameterError, SceneError
+from hhr_dolfinx.parameters import described
 
 if TYPE_CHECKING:
     from ufl.core.expr import Expr
 
     from hhr_dolfinx.formulas import Scalar
     from hhr_dolfinx.parameters import ParameterSpace
+    from hhr_dolfinx.plugins.inelastic.law import Law, LawProgram
 
 MUST = {
     "young": "Young's modulus must be positive and finite",
     "poisson": "Poisson's ratio must lie in (-1, 0.5)",
 }
-"""What elastic constants must be, by name."""
+"""Conditions on elastic constants, by name."""
 MOST_PLACES = 100
 """Places at which constants that vary in space are checked."""
 
 
-def formulas_of(law: Any) -> dict[str, str]:
+def formulas_of(law: Law | LawProgram | None) -> dict[str, str]:
     """Constants of a law that are formulas of the parameters, by name; empty without a law."""
-    found: dict[str, str] = {} if law is None else law.formulas
-    return found
+    formulas: dict[str, str] = {} if law is None else law.formulas
+    return formulas
 
 
 def parameters_of(law: Any) -> set[str]:
     """Names of the parameters on which a law depends; SceneError for a text that is no formula."""
-    found = formulas_of(law)
-    if not found:
+    formulas = formulas_of(law)
+    if not formulas:
         return set()
     from hhr_dolfinx.formulas import formula_of
 
     return {
         name
-        for field, text in found.items()
+        for field, text in formulas.items()
         for name in formula_of(text, f"{field} of {law.name}").variables
     }
 
@@ -75,8 +77,8 @@ class LawOfParameters:
         self._names = tuple(names)
         free = [k for k, name in enumerate(coordinates) if name not in names]
         self._places = np.zeros((0, len(free))) if places is None else places[:, free]
-        every = (*self._names, *(coordinates[k] for k in free))
-        self._scalars = {field: Scalar(text, every) for field, text in formulas_of(law).items()}
+        variables = (*self._names, *(coordinates[k] for k in free))
+        self._scalars = {field: Scalar(text, variables) for field, text in formulas_of(law).items()}
 
     def _value(self, scalar: Scalar, point: np.ndarray) -> float | np.ndarray:
         """A number, or one for each place, (n,)."""
@@ -87,24 +89,25 @@ class LawOfParameters:
     def constants(self, point: np.ndarray) -> dict[str, float | np.ndarray]:
         """Values of the formulas at a point, (P,), by name.
 
-        SceneError for one that is not finite or in no table.
+        Raises:
+            SceneError: for one that is not finite or in no table.
         """
-        found: dict[str, float | np.ndarray] = {}
+        values: dict[str, float | np.ndarray] = {}
         for field, scalar in self._scalars.items():
-            what = f"{field} = {scalar.text} of {self._law.name}"
+            formula = f"{field} = {scalar.text} of {self._law.name}"
             try:
-                found[field] = self._value(scalar, point)
+                values[field] = self._value(scalar, point)
             except ParameterError as error:
                 raise SceneError(
-                    f"{what}: {error}, at {_place(self._names, point)}. Give the table further "
-                    "points, or narrow the box of the parameters"
+                    f"{formula}: {error}, at {described(self._names, point)}. Give the table "
+                    "further points, or narrow the box of the parameters"
                 ) from None
-            if not np.isfinite(found[field]).all():
+            if not np.isfinite(values[field]).all():
                 raise SceneError(
-                    f"{what} is {found[field]} at {_place(self._names, point)}: change the "
+                    f"{formula} is {values[field]} at {described(self._names, point)}: change the "
                     "formula, or narrow the box of the parameters"
                 )
-        return found
+        return values
 
     def along(self, point: np.ndarray, directions: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of the formulas at a point, (P,), along directions, (P, K), by name: (1, K),
@@ -112,21 +115,21 @@ class LawOfParameters:
         """
         from hhr_dolfinx.formulas import IMAGINARY_STEP
 
-        found = {}
+        slopes = {}
         for field, scalar in self._scalars.items():
             if set(scalar.formula.variables) <= set(self._names):
-                found[field] = (scalar.derivative(point)[: point.size] @ directions)[None]
+                slopes[field] = (scalar.derivative(point)[: point.size] @ directions)[None]
                 continue
             rows = np.hstack([np.tile(point, (len(self._places), 1)), self._places]).astype(complex)
             total = np.zeros((len(rows), directions.shape[1]))
-            for place, name in enumerate(self._names):
+            for index, name in enumerate(self._names):
                 if name in scalar.formula.variables:
-                    rows[:, place] += 1j * IMAGINARY_STEP
+                    rows[:, index] += 1j * IMAGINARY_STEP
                     value = scalar.formula(dict(zip(scalar.names, rows.T, strict=True)))
-                    rows[:, place] -= 1j * IMAGINARY_STEP
-                    total += np.outer(np.imag(value) / IMAGINARY_STEP, directions[place])
-            found[field] = total
-        return found
+                    rows[:, index] -= 1j * IMAGINARY_STEP
+                    total += np.outer(np.imag(value) / IMAGINARY_STEP, directions[index])
+            slopes[field] = total
+        return slopes
 
     def at(self, point: np.ndarray) -> Any:
         """The law with its constants at a point, (P,).
@@ -137,7 +140,7 @@ class LawOfParameters:
         if not numbers:
             return self._law
         shown = ", ".join(f"{field} = {self._scalars[field].text}" for field in numbers)
-        return self._law.with_numbers(numbers, f" at {_place(self._names, point)}, by {shown},")
+        return self._law.with_numbers(numbers, f" at {described(self._names, point)}, by {shown},")
 
 
 class ModuliOfParameters:
@@ -160,28 +163,29 @@ class ModuliOfParameters:
         return {key: scalar.derivative(point) @ directions for key, scalar in self._scalars.items()}
 
     def values(self, point: np.ndarray) -> dict[tuple[int, str], float]:
-        """The constants at a point, (P,); SceneError for an impossible one."""
-        found = {}
+        """Elastic constants at a point, (P,).
+
+        Raises:
+            SceneError: for an impossible one.
+        """
+        values = {}
         for key, scalar in self._scalars.items():
             name = key[1]
             try:
-                found[key] = scalar.value(point)
+                values[key] = scalar.value(point)
             except ParameterError as error:
                 raise SceneError(
                     f"{name} = {scalar.text}: {error}. Give the table further points, or narrow "
                     "the box"
                 ) from None
             low, high = RANGES[name]
-            if not low < found[key] < high:
+            if not low < values[key] < high:
                 raise SceneError(
-                    f"{name} = {scalar.text} is {found[key]:g} at {_place(self._names, point)}: "
-                    f"{MUST[name]}. Change the formula, or narrow the box of the parameters"
+                    f"{name} = {scalar.text} is {values[key]:g} at "
+                    f"{described(self._names, point)}: {MUST[name]}. Change the formula, or narrow "
+                    "the box of the parameters"
                 )
-        return found
-
-
-def _place(names: Sequence[str], point: np.ndarray) -> str:
-    return ", ".join(f"{name} = {value:g}" for name, value in zip(names, point, strict=True))
+        return values
 
 
 def check_law_over_box(
@@ -191,12 +195,20 @@ def check_law_over_box(
     coordinates: Sequence[str] = (),
     places: np.ndarray | None = None,
 ) -> None:
-    """Raise SceneError unless the constants of a law are valid in the whole box.
+    """Refuse a law whose constants are not valid in the whole box.
 
-    ``what`` names its owner.
+    The check takes corners and some hundred points between, and a hundred of the places. A step
+    with invalid constants that it missed is refused.
 
-    The check takes corners and some hundred points between, and a hundred of the places, (n, d). A
-    step with invalid constants that it missed is refused.
+    Args:
+        law: law of a body.
+        space: box of the parameters.
+        what: owner of the law, for messages.
+        coordinates: names of coordinates that formulas may have.
+        places: coordinates of the points, (n, d); None without any.
+
+    Raises:
+        SceneError: for such a law.
     """
     if not formulas_of(law):
         return
@@ -242,11 +254,19 @@ class _LawsOfScenes:
 
         None for any other law.
         """
-        found: Callable[[Expr], Expr] | None = getattr(law, "linear_stress", None)
-        return found
+        stress: Callable[[Expr], Expr] | None = getattr(law, "linear_stress", None)
+        return stress
 
     def check_hypothesis(self, law: Any, hypothesis: str) -> None:
-        """Raise SceneError for a law in a frame that turns the axis across the plane."""
+        """Refuse a law in a frame that turns the axis across the plane.
+
+        Args:
+            law: law of a body.
+            hypothesis: hypothesis of the scene.
+
+        Raises:
+            SceneError: for such a frame.
+        """
         if hypothesis != "solid" and hasattr(law, "frame"):
             from hhr_dolfinx.forms.laws import rotation
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.gradient import grazing
 from hhr_dolfinx.plugins.inelastic.loose import LinearisedKernel
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.inelastic.equilibrium import MaterialEquilibrium
 
 
 class ContactChange(NamedTuple):
@@ -48,7 +51,12 @@ class LinearisedStep(Protocol):
         """The unknown less that under contact forces, (m,): (n,)."""
 
     def slack_of(self, gaps: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Slack of an unknown, (m, K), by gaps and unknowns, (n, K)."""
+        """Slack of an unknown, (m, K), by gaps and unknowns, (n, K).
+
+        Args:
+            gaps: gaps, (m, K).
+            x: unknowns, (n, K).
+        """
 
 
 class ContactSlopes(Protocol):
@@ -96,29 +104,54 @@ class UnilateralSlopes:
         way: np.ndarray,
         seconds: float,
     ) -> ContactChange:
-        """See :class:`ContactSlopes`."""
+        """See :class:`ContactSlopes`.
+
+        Args:
+            linear: linearisation of the step.
+            answer: answer at the end of the step.
+            slack: slack of all rows at its end, (m,).
+            right: derivatives of residual and gaps at a given unknown, (n, K) and (m, K).
+            way: directions of the parameter, (P, K).
+            seconds: duration of the step.
+        """
         columns = []
-        for residual, gaps in zip(*(part.T for part in right), strict=True):
+        for residual, gaps in zip(*(derivatives.T for derivatives in right), strict=True):
             dx, forces = linear.changed(residual, gaps, answer.active)
             columns.append((dx, forces, linear.slack_of(gaps, dx)))
-        unknown, pushed, opened = (np.stack(parts, axis=1) for parts in zip(*columns, strict=True))
+        unknown, pushed, opened = (
+            np.stack(vectors, axis=1) for vectors in zip(*columns, strict=True)
+        )
         return ContactChange(
             unknown, pushed, opened, grazing(answer.active, answer.multipliers, slack)
         )
 
 
-def slopes_of_contacts(model: Any, count: int) -> ContactSlopes:
-    """Derivatives of the contacts of a history of an equilibrium along some directions.
+def slopes_of_contacts(model: MaterialEquilibrium, count: int) -> ContactSlopes:
+    """Derivatives of the contacts of a history along some directions.
 
-    NotOfferedError if the law of its contacts has none.
+    Args:
+        model: equilibrium of the history.
+        count: number of directions, K.
+
+    Raises:
+        NotOfferedError: if the law of its contacts has none.
     """
     if not model.law.remembers:
         return UnilateralSlopes()
-    what = f"a derivative of histories in which bodies flow and contacts have {model.law.name}"
-    found: ContactSlopes = registry.facet(model.law.plugin, "flow_slopes", what)(model, count)
-    return found
+    capability = (
+        f"a derivative of histories in which bodies flow and contacts have {model.law.name}"
+    )
+    slopes: ContactSlopes = registry.facet(model.law.plugin, "flow_slopes", capability)(
+        model, count
+    )
+    return slopes
 
 
 def columnwise(function: Callable[[np.ndarray], np.ndarray], values: np.ndarray) -> np.ndarray:
-    """A function of vectors for columns, (m, K): (n, K)."""
+    """A function of vectors for columns, (n, K).
+
+    Args:
+        function: maps a vector, (m,), to a vector, (n,).
+        values: columns, (m, K).
+    """
     return np.stack([function(np.ascontiguousarray(column)) for column in values.T], axis=1)

@@ -58,8 +58,11 @@ class CorrectionStepper(Stepper):
         """Take in the size of a correction."""
 
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """Solve from the extrapolation of the corrections before; if that fails, from the last
-        one.
+        """Solve from the extrapolation of the corrections before, then from the last one.
+
+        Args:
+            trail: last answers, at most three, the present one last.
+            goal: time and parameter at the end of the step.
         """
         modes = self.model.modes
         starts = [extrapolated(trail, goal.time, modes)] if len(trail) > 1 else []
@@ -90,7 +93,7 @@ class StepInput(NamedTuple):
     """Input of a step."""
 
     slack: np.ndarray  #: without correction and contact forces, (m,)
-    strain: np.ndarray  #: the same by component, (c n,)
+    strain: np.ndarray  #: strain without these by component, (c n,)
     forces: np.ndarray  #: λ_e, (m,)
     driving: np.ndarray  #: loads along motions of bodies that contact alone holds, (r,)
     contact: StepContact
@@ -116,18 +119,23 @@ class NewtonStepper(CorrectionStepper):
         for start in starts:
             load = self.load(here, goal)
             try:
-                found, count = self._solved(load, start, here)
+                trial, count = self._solved(load, start, here)
             except Diverged as error:
                 failure = error
                 spent += self.settings.iterations
                 continue
-            return self._answer(found, load, goal, spent + count)
+            return self._answer(trial, load, goal, spent + count)
         raise failure
 
     def load(self, here: Answer, goal: Goal) -> StepInput:
         """Input of the step from an answer to a goal.
 
-        Diverged if elastic bodies have no contact forces there.
+        Args:
+            here: answer at the start of the step.
+            goal: time and parameter at the end of the step.
+
+        Raises:
+            Diverged: if elastic bodies have no contact forces there.
         """
         model = self.model
         theta = model.amplitudes(goal.parameter)
@@ -140,14 +148,14 @@ class NewtonStepper(CorrectionStepper):
                 forces = model.elastic_forces(theta)
             except NotSolvableError as error:
                 raise Diverged(str(error)) from error
-        rest = (
+        further = (
             model.driving(theta),
             contact,
             model.material.at(goal.parameter),
             gauss_of(here).state,
             goal.time - here.time,
         )
-        return StepInput(model.gaps(theta), model.free_strain @ theta, forces, *rest)
+        return StepInput(model.gaps(theta), model.free_strain @ theta, forces, *further)
 
     def _solved(self, load: StepInput, start: np.ndarray, here: Answer) -> tuple[Trial, int]:
         """Try once from a correction; returns the result and its number of iterations."""
@@ -184,13 +192,22 @@ class NewtonStepper(CorrectionStepper):
         )
 
     def tried(self, load: StepInput, correction: np.ndarray, active: np.ndarray) -> Trial:
-        """Contact from some statuses, laws and R at a correction; Diverged without one of them."""
+        """Contact, laws and R at a correction.
+
+        Args:
+            load: input of the step.
+            correction: correction g, (ell,).
+            active: statuses to start from, (m,) bool.
+
+        Raises:
+            Diverged: if contact forces, an answer of a law or R are missing.
+        """
         model = self.model
         slack = load.slack - model.flow.moved @ correction
-        found, motions = model.touched(load.contact, slack, load.driving, active)
-        if found.status is not Status.CONVERGED:
-            raise Diverged(f"of the contact problem, {found.status.value}")
-        strain = model.strain_under(load.strain, correction, found.forces)
+        statuses, motions = model.touched(load.contact, slack, load.driving, active)
+        if statuses.status is not Status.CONVERGED:
+            raise Diverged(f"of the contact problem, {statuses.status.value}")
+        strain = model.strain_under(load.strain, correction, statuses.forces)
         try:
             update = load.material.update(strain, load.before, load.dt, tangent=True)
         except ConvergenceError as error:
@@ -198,30 +215,43 @@ class NewtonStepper(CorrectionStepper):
         residual = (
             model.flow.tested @ update.state.inelastic.T.ravel() - model.flow.modal @ correction
         )
-        residual -= model.coupled @ (found.forces - load.forces)
+        residual -= model.coupled @ (statuses.forces - load.forces)
         if not np.isfinite(residual).all():
             raise Diverged("a law found no flow, or one that is impossible")
-        return Trial(correction, found, motions, update, strain, residual)
+        return Trial(correction, statuses, motions, update, strain, residual)
 
     def slope(self, load: StepInput, at: Trial) -> np.ndarray:
-        """-dR/dg, (ell, ell), at the trial that was solved last."""
+        """-dR/dg, (ell, ell), at the trial that was solved last.
+
+        Args:
+            load: input of the step.
+            at: the trial that was solved last.
+        """
         model = self.model
         forces = model.pushed(load.contact, at.found, -model.flow.moved)
         flowing = model.flowing(at.update.tangents)
         pressed = ((flowing * model.scale) @ model.flow.per_force.T + model.coupled) @ forces
-        found: np.ndarray = model.flow.modal - flowing @ model.flow.per_mode.T + pressed
-        return found
+        slope: np.ndarray = model.flow.modal - flowing @ model.flow.per_mode.T + pressed
+        return slope
 
     def _answer(self, at: Trial, load: StepInput, goal: Goal, iterations: int) -> Answer:
         self._strains.check(at.strain)
-        found = at.found
-        unknown = np.concatenate([at.correction, found.forces, at.motions])
+        statuses = at.found
+        unknown = np.concatenate([at.correction, statuses.forces, at.motions])
         memory = Memory(gauss=GaussState(at.update.stress, at.update.state)) | load.contact.memory(
             unknown
         )
-        how = found.active, iterations, Status.CONVERGED, found.cycled, self.model.fields
-        answer = Answer(goal.parameter, unknown, found.forces, *how, goal.time, memory=memory)
-        open_ = self.model.undetermined(found, unknown, self.model.amplitudes(goal.parameter))
+        status_of_step = (
+            statuses.active,
+            iterations,
+            Status.CONVERGED,
+            statuses.cycled,
+            self.model.fields,
+        )
+        answer = Answer(
+            goal.parameter, unknown, statuses.forces, *status_of_step, goal.time, memory=memory
+        )
+        open_ = self.model.undetermined(statuses, unknown, self.model.amplitudes(goal.parameter))
         answer = answer._replace(undetermined=open_)
         self.learn(answer)
         return answer

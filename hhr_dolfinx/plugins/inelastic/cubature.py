@@ -182,9 +182,9 @@ def _large_part(gram: np.ndarray, outside: float) -> tuple[np.ndarray | None, np
         return None, gram
     basis = np.zeros((count, 0))
     images = np.zeros((count, 0))
-    left = float(np.trace(gram))
+    trace = float(np.trace(gram))
     floor = np.finfo(float).eps * count * float(np.trace(gram))
-    while left > max(outside, floor):
+    while trace > max(outside, floor):
         if basis.shape[1] + SUBSPACE_GROWTH > count // 2:  # a subspace saves nothing then
             return None, gram
         block = generator.normal(size=(count, SUBSPACE_GROWTH))
@@ -196,7 +196,7 @@ def _large_part(gram: np.ndarray, outside: float) -> tuple[np.ndarray | None, np
         image = gram @ block
         basis = np.hstack([basis, block])
         images = np.hstack([images, image])
-        left -= float(np.vdot(block, image))
+        trace -= float(np.vdot(block, image))
     return basis, basis.T @ images
 
 
@@ -219,25 +219,31 @@ class _Factor:
         return self.wanted - self._columns.all @ self.weights
 
     def add(self, point: int, column: np.ndarray) -> bool:
-        """Add a column, with weight zero; returns False, and does nothing, if it depends on those
-        chosen.
+        """Add a column with weight zero.
+
+        Args:
+            point: its number among the candidates.
+            column: its contributions, (R,), of length one.
+
+        Returns:
+            False, if it depends on the chosen ones: then nothing is added.
         """
-        rest = column
+        residual = column
         shares = np.zeros(len(self.points))
         q = self._q.all
         for _ in range(2):  # twice is enough for orthogonality to round-off
-            part = q.T @ rest
-            rest = rest - q @ part
-            shares = shares + part
-        outside = np.linalg.norm(rest)
-        if outside <= DEPENDENT_COLUMN:
+            projection = q.T @ residual
+            residual = residual - q @ projection
+            shares = shares + projection
+        length = np.linalg.norm(residual)
+        if length <= DEPENDENT_COLUMN:
             return False
         count = len(self.points)
         r = np.zeros((count + 1, count + 1), order="F")
         r[:count, :count] = self._r
         r[:count, count] = shares
-        r[count, count] = outside
-        self._q.append(rest / outside)
+        r[count, count] = length
+        self._q.append(residual / length)
         self._r = r
         self._columns.append(column)
         self.points.append(point)
@@ -246,13 +252,16 @@ class _Factor:
         return True
 
     def take(self, points: np.ndarray, columns: np.ndarray, weights: np.ndarray) -> None:
-        """Start with some columns, (R, n), n <= R, and weights > 0.
+        """Start with some columns; those that depend on others are left out.
 
-        Those that depend on others are left out.
+        Args:
+            points: their numbers among the candidates, (n,).
+            columns: their contributions, (R, n), n <= R.
+            weights: weight of each, (n,), > 0.
         """
         q, r, order = linalg.qr(columns, mode="economic", pivoting=True, check_finite=False)
-        kept = np.abs(np.diag(r)) > DEPENDENT_COLUMN
-        order = order[: int(kept.sum())]
+        independent = np.abs(np.diag(r)) > DEPENDENT_COLUMN
+        order = order[: int(independent.sum())]
         self._q = GrowingColumns(q[:, : order.size])
         self._r = np.asfortranarray(r[: order.size, : order.size])
         self._columns = GrowingColumns(columns[:, order])
@@ -301,7 +310,12 @@ class _ShortList:
         self.columns = rows[:, self.points] * inverse[self.points]
 
     def along(self, misfit: np.ndarray, left_out: set[int]) -> np.ndarray:
-        """Cosines of the columns with a misfit; -inf for points left out."""
+        """Cosines of the columns with a misfit; -inf for points left out.
+
+        Args:
+            misfit: misfit of the integrals, (R,).
+            left_out: numbers of points to leave out.
+        """
         along = misfit @ self.columns
         along[np.isin(self.points, list(left_out))] = -np.inf
         return along
@@ -324,10 +338,10 @@ class _Search:
         it.
         """
         floor = LEAST_MISFIT * self.size
-        left = MOST_POINTS_PER_ROW * len(self.rows)
+        remaining = MOST_POINTS_PER_ROW * len(self.rows)
 
         def open_() -> bool:
-            return left > 0 and self.least > tolerance and len(self.factor.points) < most
+            return remaining > 0 and self.least > tolerance and len(self.factor.points) < most
 
         while open_():
             listed = _ShortList(self.rows, self.lengths, self.factor.misfit())
@@ -336,14 +350,17 @@ class _Search:
             while open_() and self._take_best(listed, worth):
                 worth = max(floor, WORTH * listed.best)
                 helped = True
-                left -= 1
+                remaining -= 1
             if not helped:
                 break
         return self.factor
 
     def begin(self, start: Cubature, most: int) -> None:
-        """Start from the points of another cubature, at most ``most``, with the best weights for
-        them.
+        """Start from the points of another cubature, with the best weights for them.
+
+        Args:
+            start: the other cubature.
+            most: largest number of points.
         """
         heavy = np.argsort(-start.weights * self.lengths[start.points], kind="stable")[:most]
         points = start.points[heavy]
@@ -409,5 +426,5 @@ class _Search:
         )
         step = ways.min()
         factor.weights = factor.weights + step * (free - factor.weights)
-        for place in np.flatnonzero(ways <= step * (1 + 1e-12))[::-1]:
-            factor.remove(int(place))
+        for index in np.flatnonzero(ways <= step * (1 + 1e-12))[::-1]:
+            factor.remove(int(index))

@@ -40,7 +40,9 @@ class ElasticResponse:
         """S and B K^-1 F of each part, (Q, m, m) and (Q, m, 1 + T), and gaps minus imposed motion,
         (m, 1 + T).
         """
-        masks = [(self.parts == part)[:, None] for part in range(max(len(self.factors.moduli), 1))]
+        masks = [
+            (self.parts == number)[:, None] for number in range(max(len(self.factors.moduli), 1))
+        ]
         schur = np.array([problem.contact @ np.where(mask, self.per_force, 0.0) for mask in masks])
         pressed = np.array([problem.contact @ np.where(mask, self.forced, 0.0) for mask in masks])
         return (
@@ -50,12 +52,21 @@ class ElasticResponse:
         )
 
     def correction(self, problem: ContactProblem, answer: Answer) -> np.ndarray:
-        """u_p of a full answer, (N,)."""
+        """u_p of a full answer, (N,).
+
+        Args:
+            problem: contact problem of the full model.
+            answer: answer of the full model.
+        """
         theta = problem.amplitudes(answer.parameter)
         scale = self.factors.compliances(answer.parameter)[self.parts]
         elastic = scale * (self.forced @ theta - self.per_force @ answer.multipliers)
-        found = answer.unknown - elastic - (self.given @ theta - problem.lifts @ theta)
-        return found if problem.kernel is None else problem.kernel.without(problem.spread, found)
+        correction = answer.unknown - elastic - (self.given @ theta - problem.lifts @ theta)
+        return (
+            correction
+            if problem.kernel is None
+            else problem.kernel.without(problem.spread, correction)
+        )
 
     def loose(self, problem: ContactProblem) -> LooseBodies | None:
         """Bodies that contact alone holds; None without any."""
@@ -70,7 +81,7 @@ class ElasticResponse:
 def elastic_response(full: FullModel) -> ElasticResponse:
     """Compute the elastic response in blocks, with the factors of the full model."""
     problem: ContactProblem = full.problem
-    parts, factors = parts_of(problem)
+    component_of_dof, factors = parts_of(problem)
     # strains without stress give all bodies the same displacement, however stiff they are
     strained = csc_matrix(problem.loads - problem.external + _eigenforces(full))
     forced = full.stiffness.columns(problem.external)
@@ -80,7 +91,9 @@ def elastic_response(full: FullModel) -> ElasticResponse:
         forced, per_force, imposed = _without_motions(
             full, problem.kernel, forced, per_force, imposed
         )
-    return ElasticResponse(forced, imposed + problem.lifts.toarray(), per_force, parts, factors)
+    return ElasticResponse(
+        forced, imposed + problem.lifts.toarray(), per_force, component_of_dof, factors
+    )
 
 
 def _without_motions(
@@ -98,7 +111,9 @@ def _without_motions(
     )
     forced = forced - drawn @ (problem.external.T @ motions).T
     per_force = per_force - drawn @ kernel.contact_of_motions.T
-    return tuple(kernel.without(problem.spread, part) for part in (forced, per_force, imposed))
+    return tuple(
+        kernel.without(problem.spread, response) for response in (forced, per_force, imposed)
+    )
 
 
 def _eigenforces(full: FullModel) -> csc_matrix:
@@ -118,7 +133,8 @@ def _eigenforces(full: FullModel) -> csc_matrix:
 def parts_of(problem: ContactProblem) -> tuple[np.ndarray, PartFactors]:
     """Part of the stiffness of each dof, (N,), and the moduli of the parts.
 
-    ReductionError if parts are connected.
+    Raises:
+        ReductionError: if parts are connected, and for moduli that are no factors.
     """
     if problem.reshaped is not None:
         raise ReductionError(
@@ -134,7 +150,10 @@ def parts_of(problem: ContactProblem) -> tuple[np.ndarray, PartFactors]:
             "model"
         )
     acting = np.array(
-        [np.asarray(abs(part).sum(axis=1)).ravel() > 0 for part in problem.stiffness_terms]
+        [
+            np.asarray(abs(stiffness_term).sum(axis=1)).ravel() > 0
+            for stiffness_term in problem.stiffness_terms
+        ]
     )
     acting = problem.prolongation.touched(acting.T).T
     if (acting.sum(axis=0) > 1).any():
@@ -154,8 +173,7 @@ def correction_modes(
     left_out: float,
     most: int | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Modes of corrections, (N, S), orthonormal in energy, (N, ell), and the energy norm of each
-    state, (S,).
+    """Modes of corrections, orthonormal in energy, and the energy norm of each state.
 
     They leave out a part of the summed norm of all corrections, unless there would be more than
     ``most``. Each counts by the root of its size. By their sizes, corrections of training part
@@ -163,6 +181,16 @@ def correction_modes(
     wrong on a cantilever, 12 to 25 % on the pellet; by the root 2 to 3 and 1 %, with twice as many
     modes. With equal weights there were three times as many. If moduli vary, each part has separate
     modes: a mode across parts would have no definite energy.
+
+    Args:
+        problem: contact problem of the full model.
+        corrections: corrections, (N, S).
+        elastic: elastic response, for the part of each dof.
+        left_out: part of their summed norm to leave out.
+        most: largest number of modes; None for no limit.
+
+    Returns:
+        Modes, (N, ell), and norms, (S,).
     """
     sizes = np.sqrt(
         np.maximum(np.einsum("ns,ns->s", corrections, problem.stiffness @ corrections), 0.0)
@@ -170,12 +198,14 @@ def correction_modes(
     weights = 1 / np.sqrt(
         np.maximum(sizes, SMALL_CORRECTION * sizes.max(initial=0.0)) + np.finfo(float).tiny
     )
-    found = []
-    for part in np.unique(elastic.parts):
-        own = np.where((elastic.parts == part)[:, None], corrections * weights, 0.0)
-        found.append(_energy_modes(problem, own, left_out * np.linalg.norm(sizes * weights)))
-    values = np.concatenate([value for _, value in found])
-    modes = np.concatenate([columns for columns, _ in found], axis=1)
+    modes_and_values = []
+    for number in np.unique(elastic.parts):
+        weighted = np.where((elastic.parts == number)[:, None], corrections * weights, 0.0)
+        modes_and_values.append(
+            _energy_modes(problem, weighted, left_out * np.linalg.norm(sizes * weights))
+        )
+    values = np.concatenate([value for _, value in modes_and_values])
+    modes = np.concatenate([columns for columns, _ in modes_and_values], axis=1)
     modes = modes[:, np.argsort(-values)[:most]]
     for _ in range(2):  # orthonormal in energy, to round-off
         lower = np.linalg.cholesky(modes.T @ (problem.stiffness @ modes))
@@ -190,8 +220,8 @@ def _energy_modes(
     squares, weights = linalg.eigh(columns.T @ (problem.stiffness @ columns))
     squares = np.maximum(squares[::-1], 0.0)
     weights = weights[:, ::-1]
-    rest = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
+    left_out_squares = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
     noise = np.finfo(float).eps * len(squares) * (squares[0] if squares.size else 0.0)
-    count = min(int(np.argmax(rest <= left_out**2)), int((squares > noise).sum()))
+    count = min(int(np.argmax(left_out_squares <= left_out**2)), int((squares > noise).sum()))
     values = np.sqrt(squares[:count])
     return columns @ (weights[:, :count] / np.where(values > 0, values, 1.0)), values

@@ -58,10 +58,17 @@ class Linearisation:
         active: np.ndarray,
         contact: StepContact = UNILATERAL_STEP,
     ) -> tuple[np.ndarray, Statuses]:
-        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps from some statuses, by the law of the
-        contacts.
+        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps, by the law of the contacts.
 
-        Returns the change δ of the unknown, and total contact forces with their statuses.
+        Args:
+            residual: residual without contact forces, (n,).
+            x: unknown, (n,).
+            theta: amplitudes θ at the parameter.
+            active: statuses to start from, (m,) bool.
+            contact: law of the contacts in this step.
+
+        Returns:
+            The change δ of the unknown, and total contact forces with their statuses.
         """
         with self.held():  # columns of S may be solved for within the active set
             free = self.solve(residual)
@@ -71,12 +78,12 @@ class Linearisation:
                 def still(forces: np.ndarray) -> np.ndarray:
                     return x + free - self.push(forces)
 
-                found, moved = self.motions.solved(
+                statuses, moved = self.motions.solved(
                     contact, slack, residual, still, active, self.pairs
                 )
-                return free - self.push(found.forces) + moved, found
-            found = contact.solved(self.equalities, slack, active, self.pairs)
-        return free - self.push(found.forces), found
+                return free - self.push(statuses.forces) + moved, statuses
+            statuses = contact.solved(self.equalities, slack, active, self.pairs)
+        return free - self.push(statuses.forces), statuses
 
     def schur(self) -> np.ndarray:
         """S, (m, m)."""
@@ -85,7 +92,14 @@ class Linearisation:
     def undetermined(
         self, found: Statuses, x: np.ndarray, theta: Theta, law: ContactLaw
     ) -> np.ndarray | None:
-        """Rigid motions of an unknown that forces leave undetermined, (n, d); None without any."""
+        """Rigid motions of an unknown that forces leave undetermined, (n, d); None without any.
+
+        Args:
+            found: forces with their statuses.
+            x: unknown, (n,).
+            theta: amplitudes θ at the parameter.
+            law: law of the contacts.
+        """
         return undetermined(self.motions, found, lambda: self.slack_of(self.gaps @ theta, x), law)
 
     def slack_of(self, gaps: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -103,8 +117,8 @@ class Linearisation:
             if self.motions is not None:
                 slack = gaps - self.rows @ free
                 forces, moved = (
-                    part[:, 0]
-                    for part in self.motions.changed(residual[:, None], slack[:, None], active)
+                    column[:, 0]
+                    for column in self.motions.changed(residual[:, None], slack[:, None], active)
                 )
                 return free - self.push(forces) + moved, forces
             forces, _ = self.equalities(active, gaps - self.rows @ free)
@@ -117,8 +131,13 @@ def undetermined(
     slack: Callable[[], np.ndarray],
     law: ContactLaw,
 ) -> np.ndarray | None:
-    """Rigid motions that forces under a slack, (m,), leave undetermined, (n, d); None without
-    any.
+    """Rigid motions that forces leave undetermined, (n, d); None without any.
+
+    Args:
+        motions: linearised motions; None without any.
+        found: forces with their statuses.
+        slack: function of the slack under the forces, (m,).
+        law: law of the contacts.
     """
     if motions is None:
         return None
@@ -164,9 +183,14 @@ class Stepper(ABC):
 
     @abstractmethod
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """Answer at a goal from the last answers, at most three and the present one last.
+        """Answer at a goal from the last answers.
 
-        Diverged without one.
+        Args:
+            trail: last answers, at most three, the present one last.
+            goal: time and parameter at the end of the step.
+
+        Raises:
+            Diverged: if there is none.
         """
 
     @abstractmethod
@@ -174,30 +198,37 @@ class Stepper(ABC):
         """Take in a step that was solved before."""
 
     def advance(self, trail: tuple[Answer, ...], goal: Goal) -> list[Answer]:
-        """Solve a step as given; if that fails, in 2, 4, ... parts, each of which is tried like a
-        step.
+        """Solve a step as given, or in 2, 4, ... parts, each of which is tried like a step.
 
-        Returns the answers at the ends of the parts; the iterations of the first one include those
-        of failed attempts.
+        Args:
+            trail: last answers, at most three, the present one last.
+            goal: time and parameter at the end of the step.
+
+        Returns:
+            The answers at the ends of the parts; the iterations of the first one include those of
+            failed attempts.
+
+        Raises:
+            Diverged: if the most parts fail too.
         """
-        here = trail[-1]
+        present = trail[-1]
         spent = 0
-        for parts in (2**halvings for halvings in range(self.settings.cuts + 1)):
+        for count in (2**halvings for halvings in range(self.settings.cuts + 1)):
             last = trail
-            found = list[Answer]()
+            answers = list[Answer]()
             try:
-                for share in (part / parts for part in range(1, parts + 1)):
-                    time = here.time + share * (goal.time - here.time)
+                for share in (number / count for number in range(1, count + 1)):
+                    time = present.time + share * (goal.time - present.time)
                     after = self.step(
-                        last, Goal(time, (1 - share) * here.parameter + share * goal.parameter)
+                        last, Goal(time, (1 - share) * present.parameter + share * goal.parameter)
                     )
-                    found.append(after)
+                    answers.append(after)
                     last = (*last[-2:], after)
-                found[0] = found[0]._replace(iterations=found[0].iterations + spent)
-                return found
+                answers[0] = answers[0]._replace(iterations=answers[0].iterations + spent)
+                return answers
             except Diverged as error:
                 failure = error
-                spent += self.settings.iterations + sum(after.iterations for after in found)
+                spent += self.settings.iterations + sum(after.iterations for after in answers)
         raise failure
 
 
@@ -243,10 +274,10 @@ class MaterialEquilibrium(ABC):
         return self._elasticities.of(weights.tobytes(), lambda: self._middle._with(weights, point))
 
     def _with(self, weights: np.ndarray, point: np.ndarray) -> Self:
-        found = copy(self)
-        found.material = self.material.moduli_at(point)
-        found._set_elasticity(weights, point)
-        return found
+        equilibrium = copy(self)
+        equilibrium.material = self.material.moduli_at(point)
+        equilibrium._set_elasticity(weights, point)
+        return equilibrium
 
     @abstractmethod
     def _weights(self, point: np.ndarray) -> np.ndarray:
@@ -261,18 +292,32 @@ class MaterialEquilibrium(ABC):
         return self.problem.gaps @ theta
 
     def strain_along(self, x: np.ndarray, way: ParameterDirection) -> np.ndarray:
-        """Derivative of :meth:`strain` along a way at a given unknown."""
+        """Derivative of :meth:`strain` along a way at a given unknown.
+
+        Args:
+            x: unknown, (n,).
+            way: point and direction of the parameters.
+        """
         return self.strain(np.zeros_like(x), way.change)
 
     def gaps_along(self, x: np.ndarray, way: ParameterDirection) -> np.ndarray:
         """Derivative along a way of the gaps, with the motion by the forces of an unknown that has
         them.
+
+        Args:
+            x: unknown, (n,).
+            way: point and direction of the parameters.
         """
         return self.gaps(way.change)
 
     def residual_along(self, x: np.ndarray, change: Update, way: ParameterDirection) -> np.ndarray:
         """Derivative of :meth:`residual` along a way at a given unknown, by that of stress and
         state.
+
+        Args:
+            x: unknown, (n,).
+            change: derivatives of stress and state.
+            way: point and direction of the parameters.
         """
         return self.residual(np.zeros_like(x), change, way.change)[0]
 
@@ -288,6 +333,10 @@ class MaterialEquilibrium(ABC):
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """Strain at all Gauss points, lift included, minus strains without stress: the input of
         laws.
+
+        Args:
+            x: unknown, (n,).
+            theta: amplitudes θ at the parameter.
         """
 
     @abstractmethod
@@ -300,6 +349,11 @@ class MaterialEquilibrium(ABC):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Residual at an unknown with stress and state, in the test space, and the size of its
         terms.
+
+        Args:
+            x: unknown, (n,).
+            gauss: stress and state at the Gauss points.
+            theta: amplitudes θ at the parameter.
         """
 
     @abstractmethod
@@ -307,7 +361,7 @@ class MaterialEquilibrium(ABC):
         """Signs at a solved step that the model left its training."""
 
     @abstractmethod
-    def linearised(self, tangents: Any) -> Any:
+    def linearised(self, tangents: np.ndarray) -> Any:
         """Linearisation for consistent tangents, with ``changed``.
 
         Those of earlier tangents become invalid.
@@ -322,15 +376,16 @@ def texts_of(moduli: Iterable[Modulus]) -> tuple[str, ...]:
 
 
 def extrapolated(trail: Sequence[Answer], time: float, count: int | None = None) -> np.ndarray:
-    """Extrapolation of the (first ``count``) unknowns of some answers to a later time, by a
-    polynomial.
+    """Extrapolation of unknowns of some answers to a later time, by a polynomial.
+
+    Args:
+        trail: answers, in the order of time.
+        time: time to extrapolate to, in seconds.
+        count: number of unknowns to take; None for all.
     """
     x = np.zeros_like(trail[0].unknown[:count])
     for answer in trail:
         # Lagrange's polynomials
-        others = [other.time for other in trail if other is not answer]
-        x += (
-            prod((time - other) / (answer.time - other) for other in others)
-            * answer.unknown[:count]
-        )
+        nodes = [node.time for node in trail if node is not answer]
+        x += prod((time - node) / (answer.time - node) for node in nodes) * answer.unknown[:count]
     return x

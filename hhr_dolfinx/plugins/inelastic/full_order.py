@@ -92,8 +92,8 @@ class GaussModel:
         """
         # in plane stress a law at rest depends on strains across, and may flow there as if they
         # were none
-        whole = material_at(self.discretisation, self.bodies, self.operator, flat=False)
-        check_elasticity(whole, self.discretisation.scene.parameters, output)
+        material = material_at(self.discretisation, self.bodies, self.operator, flat=False)
+        check_elasticity(material, self.discretisation.scene.parameters, output)
         return energy(self.operator, self.material, output)
 
     def equilibrium(self, full: FullModel) -> FullOrderEquilibrium:
@@ -110,15 +110,15 @@ class LawsOnMesh(Discretisation):
         bodies = self.cell_bodies()
         material = material_at(self, bodies, operator)
         pattern = operator.pattern()
-        parts = stiffness_parts(material, operator, pattern)
+        terms = stiffness_parts(material, operator, pattern)
         if self.springs is not None:
-            parts = with_springs(self.scene.parameters.names, self.springs, *parts)
-        return GaussModel(self, operator, material, bodies, pattern, *parts)
+            terms = with_springs(self.scene.parameters.names, self.springs, *terms)
+        return GaussModel(self, operator, material, bodies, pattern, *terms)
 
     def stiffness_terms(self) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
         """See :class:`Discretisation`."""
-        found = self.laws()
-        return found.stiffness, found.moduli
+        model = self.laws()
+        return model.stiffness, model.moduli
 
 
 class LazyStiffness(SparseStiffness):
@@ -138,18 +138,18 @@ class LazyStiffness(SparseStiffness):
         if new:
             columns = self.columns(self.contact[new].T)
             images = self.contact @ columns
-            for place, k in enumerate(new):
-                self._known[k] = columns[:, place], images[:, place]
+            for row, k in enumerate(new):
+                self._known[k] = columns[:, row], images[:, row]
         return np.array([self._known[k][1] for k in index.tolist()]).reshape(
             index.size, self.contact.shape[0]
         )
 
     def response_to_forces(self, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T times forces on conditions that have been active, (m,): (n,)."""
-        found = np.zeros(self.contact.shape[1])
+        response = np.zeros(self.contact.shape[1])
         for k in np.flatnonzero(forces).tolist():
-            found += forces[k] * self._known[k][0]
-        return found
+            response += forces[k] * self._known[k][0]
+        return response
 
 
 class FullOrderEquilibrium(MeshEquilibrium):
@@ -213,8 +213,8 @@ class FullOrderEquilibrium(MeshEquilibrium):
         """Set what depends on the shape of the bodies but the elasticity."""
         self.problem = problem
         # with K of all dofs, as if none depended on others
-        every = replace(problem.prolongation, map=None)
-        self._meshed = replace(problem, stiffness_terms=gauss.stiffness, prolongation=every)
+        independent = replace(problem.prolongation, map=None)
+        self._meshed = replace(problem, stiffness_terms=gauss.stiffness, prolongation=independent)
         self.operator = gauss.operator
         self._pattern = gauss.pattern
         self._transposed = problem.contact.T.tocsr()
@@ -249,9 +249,9 @@ class FullOrderEquilibrium(MeshEquilibrium):
         """See :class:`MaterialEquilibrium`; with factors of its own, so that both histories
         keep their frozen tangents.
         """
-        found = copy(self)
-        found._tangent_factors = self._no_tangents()
-        return found
+        equilibrium = copy(self)
+        equilibrium._tangent_factors = self._no_tangents()
+        return equilibrium
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress of an answer at all Gauss points, (Gauss points, components)."""
@@ -274,7 +274,7 @@ class FullOrderEquilibrium(MeshEquilibrium):
         return self if settings.gradient else self.on_ranks(self._full.comm)
 
     def on_ranks(self, comm: MPI.Comm) -> FullOrderEquilibrium:
-        """The same equilibrium with some of the Gauss points on each rank, for collective paths.
+        """Equilibrium with some of the Gauss points on each rank, for collective paths.
 
         Itself on one rank.
         """
@@ -288,23 +288,23 @@ class FullOrderEquilibrium(MeshEquilibrium):
         return self._spread
 
     def _sharing(self, points: PointsOfRanks) -> FullOrderEquilibrium:
-        """The same equilibrium with the Gauss points of some cells."""
-        found = copy(self)
-        MaterialEquilibrium.__init__(found)
+        """Equilibrium with the Gauss points of some cells."""
+        equilibrium = copy(self)
+        MaterialEquilibrium.__init__(equilibrium)
         operator = self.operator
         arrays = {
             name: getattr(operator, name)[points.cells] for name in ("gradients", "weights", "dofs")
         }
-        found.operator = replace(operator, **arrays)
-        found.together = points
-        found._ranks = points
-        found._pattern = replace(self._pattern, position=self._pattern.position[points.cells])
+        equilibrium.operator = replace(operator, **arrays)
+        equilibrium.together = points
+        equilibrium._ranks = points
+        equilibrium._pattern = replace(self._pattern, position=self._pattern.position[points.cells])
         components = operator.components
         rows = slice(points.points.start * components, points.points.stop * components)
-        found.eigenstrains = csc_matrix(self.eigenstrains.tocsr()[rows])
-        own = np.arange(points.points.start, points.points.stop)
-        found._set_middle(self.material.restricted(own, empty=True))
-        return found
+        equilibrium.eigenstrains = csc_matrix(self.eigenstrains.tocsr()[rows])
+        numbers = np.arange(points.points.start, points.points.stop)
+        equilibrium._set_middle(self.material.restricted(numbers, empty=True))
+        return equilibrium
 
     def _weights(self, point: np.ndarray) -> np.ndarray:
         weights = self.problem.weights(point)
@@ -328,9 +328,9 @@ class FullOrderEquilibrium(MeshEquilibrium):
             return
         scaled = full.system.stiffness(point)
         assert isinstance(scaled, ScaledStiffness)
-        own = scaled.own
+        moduli = scaled.own
         self.elastic = self._linearisation(
-            scaled, lambda forces: self._response_to_forces(forces) / own, tangents
+            scaled, lambda forces: self._response_to_forces(forces) / moduli, tangents
         )
 
     def _set_stiffness(self, stiffness: csr_matrix) -> None:
@@ -349,14 +349,14 @@ class FullOrderEquilibrium(MeshEquilibrium):
         self, stiffness: Stiffness, push: Callable[[np.ndarray], np.ndarray], moduli: np.ndarray
     ) -> Linearisation:
         problem = self.problem
-        given = problem.contact, problem.gaps, self._pairs, moduli
+        arrays = problem.contact, problem.gaps, self._pairs, moduli
         equalities = stiffness.equalities
         motions = None
         if problem.kernel is not None and problem.held_by_contact:
             motions = kernels().linearised(
                 equalities, problem.kernel.contact_of_motions, problem.kernel.motions
             )
-        return Linearisation(*given, stiffness.solve, push, equalities, stiffness.held, motions)
+        return Linearisation(*arrays, stiffness.solve, push, equalities, stiffness.held, motions)
 
     def _response_to_forces(self, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T λ in the middle of the box, by the columns of loaded conditions: few of a
@@ -365,10 +365,10 @@ class FullOrderEquilibrium(MeshEquilibrium):
         Added one by one: a copy of hundreds of them takes longer.
         """
         columns = self._rows.of(self._full.per_force)
-        found = np.zeros(len(columns))
+        response = np.zeros(len(columns))
         for k in np.flatnonzero(forces).tolist():
-            found = daxpy(columns[:, k], found, a=forces[k])
-        return self._rows.whole(found)
+            response = daxpy(columns[:, k], response, a=forces[k])
+        return self._rows.whole(response)
 
     def field(self, x: np.ndarray) -> np.ndarray:
         """U0."""
@@ -381,7 +381,13 @@ class FullOrderEquilibrium(MeshEquilibrium):
     def residual(
         self, x: np.ndarray, gauss: GaussState | Update, theta: Theta
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Loads less internal forces on free dofs, and the norm of their terms in each body."""
+        """Loads less internal forces on free dofs, and the norm of their terms in each body.
+
+        Args:
+            x: unknown, (n,).
+            gauss: stress and state at the Gauss points.
+            theta: amplitudes θ of the loads at the parameter.
+        """
         loads = self.problem.external @ theta
         grounded = 0.0 if self.springs is None else self.springs * (x + self.lifts @ theta)
         internal, size = self.internal(gauss.stress, grounded)
@@ -391,9 +397,9 @@ class FullOrderEquilibrium(MeshEquilibrium):
         """Contact forces of the elastic bodies, without inelastic strain, and their statuses."""
         nothing = np.zeros(self.size)
         strain = self.strain(nothing, theta)
-        rest = self.material.at_rest()
+        state = self.material.at_rest()
         stress = np.einsum("nij,nj->ni", self.material.elastic, strain)
-        residual, _ = self.residual(nothing, GaussState(stress, rest), theta)
+        residual, _ = self.residual(nothing, GaussState(stress, state), theta)
         return self.elastic.correct(
             residual, nothing, theta, np.zeros(self.conditions, dtype=bool)
         )[1]
@@ -401,9 +407,13 @@ class FullOrderEquilibrium(MeshEquilibrium):
     def internal(
         self, stress: np.ndarray, grounded: np.ndarray | float = 0.0
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Forces of a stress and of springs on free dofs, with those on dependent ones.
+        """Forces of a stress and of springs on free dofs, and the size of their terms.
 
-        The size of their terms.
+        Forces on dependent dofs are included.
+
+        Args:
+            stress: stress at the Gauss points, (Gauss points, components).
+            grounded: forces of springs to ground, (N,).
         """
         internal, size = self.operator.internal(stress)
         if self._ranks is not None:
@@ -422,12 +432,12 @@ class FullOrderEquilibrium(MeshEquilibrium):
         """K_T of consistent tangents at all Gauss points, (N, N)."""
         elastic = self._unchanged
         if self._ranks is None:
-            found = self.operator.stiffness(tangents, self._pattern, elastic)
+            matrix = self.operator.stiffness(tangents, self._pattern, elastic)
         else:
             nothing = ElasticPart(elastic.tangents, np.zeros_like(elastic.data))
-            found = self.operator.stiffness(tangents, self._pattern, nothing)
-            found.data = elastic.data + self._ranks.summed(found.data)
-        return self.problem.prolongation.stiffness([found])[0]
+            matrix = self.operator.stiffness(tangents, self._pattern, nothing)
+            matrix.data = elastic.data + self._ranks.summed(matrix.data)
+        return self.problem.prolongation.stiffness([matrix])[0]
 
     def signs(self, answer: Answer) -> Signs:
         """Residual of the free dofs and its scale.
@@ -437,8 +447,8 @@ class FullOrderEquilibrium(MeshEquilibrium):
         residual, sizes = self.residual(
             answer.unknown, gauss_of(answer), self.amplitudes(answer.parameter)
         )
-        left = (residual - self.contact_load(answer.multipliers)) * self.problem.free
-        return Signs(float(np.linalg.norm(left)), float(np.linalg.norm(sizes)), 0.0)
+        imbalance = (residual - self.contact_load(answer.multipliers)) * self.problem.free
+        return Signs(float(np.linalg.norm(imbalance)), float(np.linalg.norm(sizes)), 0.0)
 
     def linearised(self, tangents: np.ndarray) -> Linearisation:
         """Factor the symmetric part of the tangent stiffness.
@@ -446,22 +456,23 @@ class FullOrderEquilibrium(MeshEquilibrium):
         The previous one must then be factored again.
         """
         symmetric = (tangents + tangents.swapaxes(1, 2)) / 2
-        found = self._lazy(self.stiffness(symmetric), self._tangent_factors, tangents)
-        with found.held():  # raises an error for a singular tangent
-            return found
+        linearisation = self._lazy(self.stiffness(symmetric), self._tangent_factors, tangents)
+        with linearisation.held():  # raises an error for a singular tangent
+            return linearisation
 
 
 def equilibrium_of(full: FullModel) -> FullOrderEquilibrium:
     """Equilibrium of a full model of inelastic bodies.
 
-    NotOfferedError for laws that another plug-in reads.
+    Raises:
+        NotOfferedError: for elastic bodies, and for laws that another plug-in reads.
     """
-    found: Any = full.equilibrium
-    if found is None or found.reader != "inelastic":
+    equilibrium: Any = full.equilibrium
+    if equilibrium is None or equilibrium.reader != "inelastic":
         raise NotOfferedError(
             f"bodies of scene '{full.scene.name}' have no laws of plasticity or creep"
         )
-    return found
+    return equilibrium
 
 
 def bodies_of(scene: Scene) -> GaussModel:

@@ -43,26 +43,33 @@ def places_of(discretisation: DiscreteSpace) -> np.ndarray:
     mesh = discretisation.mesh
     cells = np.arange(discretisation.cell_bodies().size, dtype=np.int32)
     points, _ = compat.quadrature(mesh.topology.cell_name(), degree_of(discretisation))
-    place = compat.jitted(fem.Expression, ufl.SpatialCoordinate(mesh), points).eval(mesh, cells)
-    return np.reshape(place, (-1, mesh.geometry.dim))
+    coordinates = compat.jitted(fem.Expression, ufl.SpatialCoordinate(mesh), points).eval(
+        mesh, cells
+    )
+    return np.reshape(coordinates, (-1, mesh.geometry.dim))
 
 
 def grading_at(discretisation: DiscreteSpace, place: int) -> np.ndarray:
-    """Grading of a body, by its index, at its Gauss points, (n,); empty without one.
+    """Grading of a body at its Gauss points, (n,); empty without one.
 
-    SceneError if it is not positive.
+    Args:
+        discretisation: discrete space of the scene.
+        place: index of the body in the scene.
+
+    Raises:
+        SceneError: if it is not positive and finite.
     """
     body = discretisation.scene.bodies[place]
     if body.grading is None:
         return UNGRADED
     cells = np.flatnonzero(discretisation.cell_bodies() == place)
-    found = gradings(discretisation, [place], cells).ravel()
-    if not (np.isfinite(found) & (found > 0)).all():
+    factors = gradings(discretisation, [place], cells).ravel()
+    if not (np.isfinite(factors) & (factors > 0)).all():
         raise SceneError(
-            f"the grading of body {body.tag} is {found[int(np.argmin(found > 0))]:g} at a Gauss "
-            "point: it must be positive and finite on the body"
+            f"the grading of body {body.tag} is {factors[int(np.argmin(factors > 0))]:g} at a "
+            "Gauss point: it must be positive and finite on the body"
         )
-    return found
+    return factors
 
 
 def material_at(
@@ -72,39 +79,44 @@ def material_at(
     *,
     flat: bool | None = None,
 ) -> Material:
-    """Laws at the Gauss points of the cells of an operator, with bodies as indices in the scene,
-    (cells,).
+    """Laws at the Gauss points of the cells of an operator.
 
-    They are stated for plane stress if ``flat``, by default in scenes of plane stress.
+    Args:
+        discretisation: discrete space of the scene.
+        bodies: body of each cell as its index in the scene, (cells,).
+        operator: strain at the Gauss points.
+        flat: state laws for plane stress; None does in scenes of plane stress.
     """
     scene = discretisation.scene
     flat = scene.hypothesis == "plane_stress" if flat is None else flat
     of_point = np.repeat(bodies, operator.per_cell)
     groups = []
-    for place, body in enumerate(scene.bodies):
+    for index, body in enumerate(scene.bodies):
         young, ratio = (
             text if isinstance(text, str) else float(text) for text in (body.young, body.poisson)
         )
-        grading = grading_at(discretisation, place)
+        grading = grading_at(discretisation, index)
         stated = Elasticity() if body.law is None and flat else body.law
         if body.stress is not None:
             stated = LinearStress(body.stress)
         if grading.size and stated is not None and stated.elastic:
             stated = Graded(stated, float(young))
         law = None if stated is None else stated.at_points(operator.components, plane_stress=flat)
-        numbers = np.flatnonzero(of_point == place)
-        given = Group(numbers, young, ratio, law, grading=grading)
+        numbers = np.flatnonzero(of_point == index)
+        points_of_body = Group(numbers, young, ratio, law, grading=grading)
         names = coordinate_names(scene.hypothesis)
         if parameters_of(law) & (set(names) - set(scene.parameters.names)):
-            given = replace(given, coordinates=names, places=places_of(discretisation)[numbers])
+            points_of_body = replace(
+                points_of_body, coordinates=names, places=places_of(discretisation)[numbers]
+            )
             check_law_over_box(
                 law,
                 scene.parameters,
                 f"body {body.tag} of scene '{scene.name}'",
                 names,
-                given.places,
+                points_of_body.places,
             )
-        groups.append(given)
+        groups.append(points_of_body)
     return Material(groups, operator.components, scene.parameters.names)
 
 
@@ -115,6 +127,11 @@ def stiffness_parts(
 
     A formula of E has a part, one of ν a part for the change of volume and one for that of shape,
     and all numbers have one part. Constant elasticity has one part and no modulus.
+
+    Args:
+        material: laws at the Gauss points.
+        operator: strain at the Gauss points.
+        pattern: sparsity of the stiffness.
     """
     if not any(group.texts for group in material.groups):
         return (operator.stiffness(material.elastic, pattern),), ()
@@ -122,14 +139,14 @@ def stiffness_parts(
     for group in sorted(material.groups, key=lambda group: not group.texts):
         for *key, elastic in _parts_of(group, material.components):
             shares.setdefault((key[0], key[1]), []).append((group, elastic))
-    parts = []
+    terms = []
     for members in shares.values():
         elastic = np.zeros((material.gauss_points, material.components, material.components))
-        for group, own in members:
+        for group, moduli in members:
             graded = group.grading[:, None, None] if group.grading.size else 1.0
-            elastic[group.indices] = own * graded
-        parts.append(operator.stiffness(elastic, pattern))
-    return tuple(parts), tuple(Modulus(*key, material.names) for key in shares)
+            elastic[group.indices] = moduli * graded
+        terms.append(operator.stiffness(elastic, pattern))
+    return tuple(terms), tuple(Modulus(*key, material.names) for key in shares)
 
 
 def _parts_of(group: Group, components: int) -> Iterator[tuple[str, str, np.ndarray]]:
@@ -150,11 +167,15 @@ def _parts_of(group: Group, components: int) -> Iterator[tuple[str, str, np.ndar
 
 
 def at_gauss_points(discretisation: DiscreteSpace, operator: StrainOperator) -> csc_matrix:
-    """Eigenstrains at the Gauss points of inelastic bodies, for each term of θ, (points *
-    components, 1 + T).
+    """Eigenstrains at Gauss points for each term of θ, (points * components, 1 + T).
 
-    SceneError for a user-defined load whose ``eigenstrain_of`` lacks the one term of the
-    assembler's ``eigenstress``.
+    Args:
+        discretisation: discrete space of the scene.
+        operator: strain at the Gauss points.
+
+    Raises:
+        SceneError: for a user-defined load whose ``eigenstrain_of`` lacks the one term of the
+            assembler's ``eigenstress``.
     """
     loads = discretisation.scene.loads
     points = operator.gauss_points * operator.components
@@ -188,20 +209,20 @@ def _tabulated(discretisation: DiscreteSpace, load: Any, operator: StrainOperato
     mesh = discretisation.mesh
     bodies = discretisation.cell_bodies()
     points, _ = compat.quadrature(mesh.topology.cell_name(), degree_of(discretisation))
-    found = np.zeros((bodies.size, operator.per_cell, operator.components))
-    for place, body in enumerate(discretisation.scene.bodies):
-        given = load.eigenstrain_of(body.tag, mesh)
-        cells = np.flatnonzero(bodies == place)
-        if given is not None:
+    strains = np.zeros((bodies.size, operator.per_cell, operator.components))
+    for index, body in enumerate(discretisation.scene.bodies):
+        eigenstrain = load.eigenstrain_of(body.tag, mesh)
+        cells = np.flatnonzero(bodies == index)
+        if eigenstrain is not None:
             # a constant strain has no mesh
-            one = fem.Constant(mesh, 1.0)
+            unit = fem.Constant(mesh, 1.0)
             vector = kelvin(
-                averaged(discretisation, place, given[1]), discretisation.scene.hypothesis
+                averaged(discretisation, index, eigenstrain[1]), discretisation.scene.hypothesis
             )
-            values = compat.jitted(fem.Expression, one * vector, points).eval(
+            values = compat.jitted(fem.Expression, unit * vector, points).eval(
                 mesh, cells.astype(np.int32)
             )
-            found[cells] = values.reshape(len(cells), operator.per_cell, operator.components)
+            strains[cells] = values.reshape(len(cells), operator.per_cell, operator.components)
     if discretisation.scene.hypothesis == "plane_stress":  # nothing holds what strains across
-        found[:, :, 2] = 0.0
-    return found.ravel()
+        strains[:, :, 2] = 0.0
+    return strains.ravel()

@@ -96,7 +96,7 @@ def history_gradient(
     time = history.start
     # at rest they are zero too
     changes = InternalVariables(
-        *(np.repeat(part[..., None], along.shape[2], axis=-1) for part in state)
+        *(np.repeat(variable[..., None], along.shape[2], axis=-1) for variable in state)
     )
     contacts = slopes_of_contacts(model, along.shape[2])
     gradients = []
@@ -106,14 +106,14 @@ def history_gradient(
         for number, answer in enumerate(history.answers, start=1):
             step = _SolvedStep(model, answer, state, answer.time - time, number)
             scale = max(scale, step.strain_size)
-            found, changes = step.along(along[number], changes, scale, contacts)
-            found = found._replace(kinks=found.kinks + before)
-            gradients.append(found)
-            before = found.kinks
+            step_gradient, changes = step.along(along[number], changes, scale, contacts)
+            step_gradient = step_gradient._replace(kinks=step_gradient.kinks + before)
+            gradients.append(step_gradient)
+            before = step_gradient.kinks
             if contacts.remembers or any(
-                part.any() for part in changes
+                variable.any() for variable in changes
             ):  # by a state without derivatives contact hands nothing on
-                before += int(found.grazing.sum())
+                before += int(step_gradient.grazing.sum())
             state = gauss_of(answer).state
             time = answer.time
     return gradients
@@ -123,11 +123,15 @@ def with_gradients(model: MaterialEquilibrium, history: History) -> None:
     """Give each answer of a history its derivatives along the parameters.
 
     See :func:`history_gradient`.
+
+    Args:
+        model: equilibrium that solved the history.
+        history: its history, whose answers get them.
     """
-    for place, found in enumerate(history_gradient(model, history)):
-        unknown, multipliers, slack, near, kinks = found
+    for index, step_gradient in enumerate(history_gradient(model, history)):
+        unknown, multipliers, slack, near, kinks = step_gradient
         gradient = Gradient(unknown, multipliers, near, slack, kinks)
-        history.answers[place] = history.answers[place]._replace(gradient=gradient)
+        history.answers[index] = history.answers[index]._replace(gradient=gradient)
 
 
 class _SolvedStep:
@@ -153,9 +157,9 @@ class _SolvedStep:
             update = self._material.update(strain, before, dt, tangent=True)
         except ConvergenceError as error:
             raise _in_parts(number, str(error)) from error
-        kept = gauss_of(answer).stress
-        apart = _largest(update.stress - kept)
-        if not apart <= SAME_STRESS * _largest(kept):
+        stored = gauss_of(answer).stress
+        apart = _largest(update.stress - stored)
+        if not apart <= SAME_STRESS * _largest(stored):
             raise _in_parts(number, f"its stress differs by {apart:.2g} from that of a single step")
         assert update.tangents is not None  # asked for
         skew = _largest(update.tangents - update.tangents.swapaxes(1, 2))
@@ -173,31 +177,33 @@ class _SolvedStep:
         scale: float,
         contacts: ContactSlopes,
     ) -> tuple[StepGradient, InternalVariables]:
-        """Derivatives of the step, and of the state after it, along directions of the parameter,
-        (P, K).
+        """Derivatives of the step, and of the state after it, along directions.
 
-        ``before`` are derivatives of the state before the step, with K last, ``scale`` is the
-        largest strain so far.
+        Args:
+            directions: directions of the parameter, (P, K).
+            before: derivatives of the state before the step, K last.
+            scale: largest strain so far.
+            contacts: derivatives of the contacts.
         """
-        there = self._there
+        local = self._there
         answer = self._answer
         x = answer.unknown
-        acting, by_parameter = there.amplitudes.slopes_at(answer.parameter)
+        acting, by_parameter = local.amplitudes.slopes_at(answer.parameter)
         ways = [
             ParameterDirection(
                 answer.parameter, direction, self._theta, Theta(acting, by_parameter @ direction)
             )
             for direction in directions.T
         ]
-        strain = np.stack([there.strain_along(x, way) for way in ways], axis=-1)
+        strain = np.stack([local.strain_along(x, way) for way in ways], axis=-1)
         constants = self._model.material.constants_along(answer.parameter, directions)
-        parts = self._parts_of_box(directions)
+        of_box = self._parts_of_box(directions)
 
         def along(strain: np.ndarray) -> Along:
             sizes = [
                 np.abs(array).max(axis=(0, 1), initial=0.0) for array in (strain, before.inelastic)
             ]
-            rates = np.max([parts, *(size / (scale or 1.0) for size in sizes)], axis=0)
+            rates = np.max([of_box, *(size / (scale or 1.0) for size in sizes)], axis=0)
             return Along(strain, before, constants, CODE_STEP / np.where(rates > 0, rates, 1.0))
 
         first = slopes_of(self._material, self._inputs, along(strain))
@@ -205,22 +211,22 @@ class _SolvedStep:
         for k, way in enumerate(ways):
             change = Update(
                 first.stress[..., k],
-                InternalVariables(*(part[..., k] for part in first.state)),
+                InternalVariables(*(variable[..., k] for variable in first.state)),
                 None,
             )
-            residuals.append(there.residual_along(x, change, way))
+            residuals.append(local.residual_along(x, change, way))
         right = (
             np.stack(residuals, axis=1),
-            np.stack([there.gaps_along(x, way) for way in ways], axis=1),
+            np.stack([local.gaps_along(x, way) for way in ways], axis=1),
         )
         linear = self._linear
-        here = linear.slack_of(there.gaps(self._theta), x)
+        slacks = linear.slack_of(local.gaps(self._theta), x)
         unknown, multipliers, slack, near = contacts.step(
-            linear, answer, here, right, directions, self._inputs.dt
+            linear, answer, slacks, right, directions, self._inputs.dt
         )
-        moved = np.stack([there.strain_of(dx) for dx in unknown.T], axis=-1)
+        moved = np.stack([local.strain_of(dx) for dx in unknown.T], axis=-1)
         after = slopes_of(self._material, self._inputs, along(strain + moved))
-        at_kinks = (after.reach * parts <= NEAR_KINK).any(axis=1)
+        at_kinks = (after.reach * of_box <= NEAR_KINK).any(axis=1)
         return StepGradient(unknown, multipliers, slack, near, int(at_kinks.sum())), after.state
 
     def _parts_of_box(self, directions: np.ndarray) -> np.ndarray:

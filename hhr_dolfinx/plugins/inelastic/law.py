@@ -91,7 +91,6 @@ class Law(KnownArguments):
             has the tensor ``inelastic``, ε - C^-1 σ, and the number ``cumulated`` too.
         unknowns: sizes of the unknowns of a step by name.
         limits: open interval of each constant that is not free.
-        finite: whether it is a law of F instead of the strain.
         elastic: whether its constants, which are numbers, state the elasticity instead of E and ν
             of the body.
     """
@@ -99,11 +98,14 @@ class Law(KnownArguments):
     memory: ClassVar[Mapping[str, int]] = {}
     unknowns: ClassVar[Mapping[str, int]] = {}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
-    finite: ClassVar[bool] = False
     elastic: ClassVar[bool] = False
 
     def statement(self, at: At) -> Stated:
-        """The law in UFL, see :mod:`hhr_dolfinx.forms.laws`."""
+        """The law in UFL, see :mod:`hhr_dolfinx.forms.laws`.
+
+        Raises:
+            NotImplementedError: a law must state it.
+        """
         raise NotImplementedError
 
     def in_plane_stress(self) -> Law:
@@ -114,9 +116,14 @@ class Law(KnownArguments):
         return _Thin(self)
 
     def at_points(self, strains: int, *, plane_stress: bool = False) -> LawProgram:
-        """The law as models evaluate it, for strains of 4 or 6 components.
+        """The law as models evaluate it.
 
-        SceneError for those that cannot be.
+        Args:
+            strains: components of a strain, 4 or 6.
+            plane_stress: state it for plane stress.
+
+        Raises:
+            SceneError: if it cannot be evaluated at points.
         """
         return program_of(self, strains, plane_stress=plane_stress)
 
@@ -131,16 +138,28 @@ class Law(KnownArguments):
         return {name: value for name, value in self.constants().items() if isinstance(value, str)}
 
     def with_numbers(self, numbers: Mapping[str, Any], place: str = "") -> None:
-        """Raise SceneError for numbers of constants outside their limits."""
+        """Refuse numbers of constants outside their limits.
+
+        Args:
+            numbers: numbers of constants by name.
+            place: description of the point, for messages.
+
+        Raises:
+            SceneError: for such numbers.
+        """
         _check_numbers(self.name, numbers, self.limits, place)
 
     def constants(self) -> dict[str, float | str]:
-        """Constants by name, numbers or formulas."""
+        """Constants by name, numbers or formulas.
+
+        Raises:
+            SceneError: if the class is no dataclass.
+        """
         if not is_dataclass(self):
             raise SceneError(
                 f"{self.name} is no dataclass: write @dataclass(frozen=True) above its class"
             )
-        named = [item.name for item in fields(self) if _is_constant(item.type)]
+        named = [constant.name for constant in fields(self) if _is_constant(constant.type)]
         return {name: getattr(self, name) for name in named}
 
     def __init_subclass__(cls) -> None:
@@ -170,7 +189,7 @@ class Law(KnownArguments):
                 check_constant(self.name, name, value, self.limits.get(name, ANY))
 
 
-def _is_constant(kind: Any) -> bool:
+def _is_constant(kind: type | str) -> bool:
     """True for a field declared as a number, or as a number or a text."""
     words = (
         kind.replace(" ", "")
@@ -181,7 +200,10 @@ def _is_constant(kind: Any) -> bool:
 
 
 def _check_numbers(
-    law: str, numbers: Mapping[str, Any], limits: Mapping[str, tuple[float, float]], place: str
+    law: str,
+    numbers: Mapping[str, Any],
+    limits: Mapping[str, tuple[float, float]],
+    place: str,
 ) -> None:
     """Raise SceneError for constants outside their limits, each a number, or one for each place if
     there are any.
@@ -197,7 +219,18 @@ def _check_numbers(
 def check_constant(
     law: str, name: str, value: float, limits: tuple[float, float], place: str = ""
 ) -> None:
-    """Raise SceneError for a constant that is no number in its open interval."""
+    """Refuse a constant that is no number in its open interval.
+
+    Args:
+        law: name of the law.
+        name: name of the constant.
+        value: its value.
+        limits: open interval of it.
+        place: description of the point, for messages.
+
+    Raises:
+        SceneError: for such a constant.
+    """
     low, high = limits
     if not (is_number(value) and low < value < high):
         least = (
@@ -248,13 +281,13 @@ class LawNumbers(NamedTuple):
 
     def stress(self, strain: np.ndarray) -> np.ndarray:
         """C times strains, (n, c)."""
-        found: np.ndarray = strain @ self.elastic
-        return found * self.grading[:, None] if self.grading.size else found
+        product: np.ndarray = strain @ self.elastic
+        return product * self.grading[:, None] if self.grading.size else product
 
     def strain(self, stress: np.ndarray) -> np.ndarray:
         """C^-1 times stresses, (n, c)."""
-        found: np.ndarray = stress @ self.compliance
-        return found / self.grading[:, None] if self.grading.size else found
+        product: np.ndarray = stress @ self.compliance
+        return product / self.grading[:, None] if self.grading.size else product
 
     def some(self, chosen: slice) -> LawNumbers:
         """Numbers at some of the points."""
@@ -271,19 +304,33 @@ def hooke(
 
     In plane stress C is that of strains in the plane; strains across are 0 there, and so is their
     stress.
+
+    Args:
+        young: Young's modulus E.
+        poisson: Poisson's ratio ν.
+        components: components of a strain, c: 4 or 6.
+        plane_stress: take C of strains in the plane.
+
+    Returns:
+        C and C^-1, (c, c) each.
     """
     lam, mu = lame_parameters(young, poisson)
     count = 2 if plane_stress else 3
     lam = 2 * lam * mu / (lam + 2 * mu) if plane_stress else lam
     unit = np.zeros(components)
     unit[:count] = 1.0
-    whole = np.eye(components)
-    elastic = lam * np.outer(unit, unit) + 2 * mu * whole
-    return elastic, (whole - lam / (count * lam + 2 * mu) * np.outer(unit, unit)) / (2 * mu)
+    identity = np.eye(components)
+    elastic = lam * np.outer(unit, unit) + 2 * mu * identity
+    return elastic, (identity - lam / (count * lam + 2 * mu) * np.outer(unit, unit)) / (2 * mu)
 
 
 def compliance_slope(components: int, *, plane_stress: bool = False) -> np.ndarray:
-    """Derivative of C^-1 of :func:`hooke` along ν times E, (c, c): C^-1 E is (1 + ν) I - ν 1⊗1."""
+    """Derivative of C^-1 of :func:`hooke` along ν times E, (c, c): C^-1 E is (1 + ν) I - ν 1⊗1.
+
+    Args:
+        components: components of a strain, c: 4 or 6.
+        plane_stress: take C of strains in the plane.
+    """
     unit = np.zeros(components)
     unit[: 2 if plane_stress else 3] = 1.0
     return np.eye(components) - np.outer(unit, unit)
@@ -305,10 +352,10 @@ class LawProgram(Rebuilt):
     values: tuple[float | str, ...]  #: their numbers or formulas
     low: Annotated[Floats, "constants"]  #: start of their open intervals
     high: Annotated[Floats, "constants"]  #: end of these
-    rated: bool  #: whether the answer depends on the duration of a step
-    elastic: bool = False  #: whether its constants, and not E and ν, state the elasticity
-    reason: str = ""  #: what is wrong beyond its limit; empty without one
-    plane_stress: bool = False  #: whether it is stated for it
+    rated: bool  #: True if the answer depends on the duration of a step
+    elastic: bool = False  #: True if its constants, and not E and ν, state the elasticity
+    reason: str = ""  #: fault beyond its limit; empty without one
+    plane_stress: bool = False  #: True if it is stated for plane stress
 
     def __post_init__(self) -> None:
         count = len(self.constants)
@@ -318,10 +365,10 @@ class LawProgram(Rebuilt):
         ) == len(self.sizes)
         if not sizes or self.program.inputs != inputs or len(self.program.ends) != REST + 2:
             raise SceneError(f"the law {self.name!r} does not fit its program")
-        found = np.diff(self.program.output_ends, prepend=0).tolist()
-        if found != self._outputs():
+        outputs = np.diff(self.program.output_ends, prepend=0).tolist()
+        if outputs != self._outputs():
             raise SceneError(
-                f"the program of the law {self.name!r} has {found} outputs, and needs "
+                f"the program of the law {self.name!r} has {outputs} outputs, and needs "
                 f"{self._outputs()}"
             )
         if self.memory[:2] != (*STANDARD,) or self.sizes[:2].tolist() != [self.strains, 1]:
@@ -404,7 +451,15 @@ class LawProgram(Rebuilt):
         }
 
     def with_numbers(self, numbers: Mapping[str, Any], place: str = "") -> LawProgram:
-        """The law with numbers for some constants; SceneError for those outside their limits."""
+        """The law with numbers for some constants.
+
+        Args:
+            numbers: numbers of constants by name.
+            place: description of the point, for messages.
+
+        Raises:
+            SceneError: for numbers outside their limits.
+        """
         limits = zip(self.low, self.high, strict=True)
         _check_numbers(self.name, numbers, dict(zip(self.constants, limits, strict=True)), place)
         values = [
@@ -424,7 +479,15 @@ class LawProgram(Rebuilt):
     ) -> Update:
         """Stress, state and tangents at the end of a step at some points.
 
-        ConvergenceError without an answer.
+        Args:
+            strain: total strain at its end, (n, c).
+            old: state before it; not modified.
+            dt: duration of the step in seconds.
+            given: constants of the law and the elasticity.
+            tangent: compute consistent tangents.
+
+        Raises:
+            ConvergenceError: if a point has no answer.
         """
         components = self.strains
         points = len(strain)
@@ -456,8 +519,14 @@ class LawProgram(Rebuilt):
         return Update(stress.T, state, tangents.transpose(2, 0, 1) if tangent else None)
 
     def given(self, young: float, poisson: float) -> LawNumbers:
-        """Constants, which must be numbers, and the elasticity at rest; SceneError for a
-        formula.
+        """Constants and the elasticity at rest.
+
+        Args:
+            young: Young's modulus E.
+            poisson: Poisson's ratio ν.
+
+        Raises:
+            SceneError: for a constant that is a formula.
         """
         texts = [value for value in self.values if isinstance(value, str)]
         if texts:
@@ -470,7 +539,15 @@ class LawProgram(Rebuilt):
         return LawNumbers(constants, *self.elasticity(young, poisson))
 
     def elasticity(self, young: float, poisson: float) -> tuple[np.ndarray, np.ndarray]:
-        """C and C^-1, (c, c) each; SceneError if a constant that states them is no number."""
+        """C and C^-1, (c, c) each.
+
+        Args:
+            young: Young's modulus E.
+            poisson: Poisson's ratio ν.
+
+        Raises:
+            SceneError: if a constant that states them is no number.
+        """
         if not self.elastic:
             return hooke(young, poisson, self.strains, plane_stress=self.plane_stress)
         numbers = [value if is_number(value) else math.nan for value in self.values]
@@ -489,18 +566,18 @@ class LawProgram(Rebuilt):
         count = constants.shape[1]
         inputs = np.vstack([np.zeros((self.program.inputs - len(constants), count)), constants])
         if not self.plane_stress:
-            found = evaluated(self.program, inputs, TRIAL, REST, REST_SLOPES)
-            return found.T.reshape(count, strains, strains)
+            tangents = evaluated(self.program, inputs, TRIAL, REST, REST_SLOPES)
+            return tangents.T.reshape(count, strains, strains)
         # where nothing flows the strain across alone is to be solved for; it is the last unknown
         unknowns = len(self.kinds)
         slopes = evaluated(self.program, inputs, TRIAL, START, AFTER, SLOPES).T
-        whole, by_unknown, left = np.split(
+        direct, by_unknown, of_residual = np.split(
             slopes, np.cumsum([strains * strains, strains * unknowns]), axis=1
         )
         across = by_unknown.reshape(count, strains, unknowns)[:, :, -1]
-        row = left.reshape(count, unknowns, strains)[:, -1]
+        row = of_residual.reshape(count, unknowns, strains)[:, -1]
         slope = evaluated(self.program, inputs, TRIAL, START, LOCAL)[-1]
-        return whole.reshape(count, strains, strains) - np.einsum(
+        return direct.reshape(count, strains, strains) - np.einsum(
             "ni,nj,n->nij", across, row, 1 / slope
         )
 
@@ -513,32 +590,37 @@ class LawProgram(Rebuilt):
             return
         worst = strain[:, bad[int(np.abs(strain[:, bad]).max(axis=0).argmax())]]
         shown = ", ".join(f"{value:.3g}" for value in worst)
-        why = (
+        reason = (
             "its equations have no solution there, or a step is too large: make smaller steps, "
             "and check the units"
         )
         if self.plane_stress:
-            why = (
+            reason = (
                 "its equations in plane stress have no slope there, as without hardening, or no "
                 "solution: give it a "
             )
-            why += (
+            reason += (
                 "little hardening, such as 1e-5 of its strength, or make smaller steps, and check "
                 "the units"
             )
         if (result[bad] == BEYOND).any():
-            why = f"{self.reason}: give smaller loads, or other constants"
+            reason = f"{self.reason}: give smaller loads, or other constants"
         elif (result[bad] == NO_SLOPE).any():
-            why = "the slope of its residual is infinite or no number at an iterate: "
-            why += "return a `start` where it is finite"
+            reason = "the slope of its residual is infinite or no number at an iterate: "
+            reason += "return a `start` where it is finite"
         elif self.reason:
-            why = f"{why}; or {self.reason}"
-        place = f"at {bad.size} points, such as for the strain ({shown})"
-        raise ConvergenceError(f"{self.name} has no answer {place}: {why}")
+            reason = f"{reason}; or {self.reason}"
+        points = f"at {bad.size} points, such as for the strain ({shown})"
+        raise ConvergenceError(f"{self.name} has no answer {points}: {reason}")
 
 
 def law_sizes(declared: Mapping[str, int], strains: int) -> dict[str, int]:
-    """Numbers of components by name, those of the strain for tensors."""
+    """Numbers of components by name, those of the strain for tensors.
+
+    Args:
+        declared: sizes by name, :data:`TENSOR` for tensors.
+        strains: components of a strain, 4 or 6.
+    """
     return {name: size or strains for name, size in declared.items()}
 
 
@@ -546,10 +628,10 @@ class _Thin(Law):
     """Another law in plane stress."""
 
     def __init__(self, law: Law):
-        if law.finite or (law.elastic and (law.memory or law.unknowns)):
+        if law.elastic and (law.memory or law.unknowns):
             raise SceneError(
-                f"{law.name} has large strains, or flows with elasticity of its own, which is not "
-                "built in for plane stress: take plane strain or a solid"
+                f"{law.name} flows with elasticity of its own, which is not built in for plane "
+                "stress: take plane strain or a solid"
             )
         self.law = law
         across = {"across": NUMBER}
@@ -590,40 +672,44 @@ class Graded(Law):
 
     def statement(self, at: At) -> Stated:
         """See :class:`Law`."""
-        found = self.law.statement(at)
-        return found._replace(stress=at.constants.young / self.young * found.stress)
+        stated = self.law.statement(at)
+        return stated._replace(stress=at.constants.young / self.young * stated.stress)
 
 
 def program_of(law: Law, strains: int, *, plane_stress: bool = False) -> LawProgram:
-    """A law as data for strains of 4 or 6 components, or F of 9.
+    """A law as data.
 
-    SceneError for what programs cannot state.
+    Args:
+        law: law of a body.
+        strains: components of a strain, 4 or 6.
+        plane_stress: state it for plane stress.
+
+    Raises:
+        SceneError: for statements that programs do not have.
     """
-    if law.finite != (strains == 9):
-        raise SceneError(
-            f"{law.name} is {'' if law.finite else 'not '}a law of large strains, which no scene "
-            "takes yet"
-        )
     law = law.in_plane_stress() if plane_stress else law
-    made = _Made(law, strains)
-    parts = made.parts()
+    statement = _Made(law, strains)
+    outputs = statement.parts()
     named = law.constants()
     limits = [law.limits.get(name, ANY) for name in named]
-    unknowns = [*made.sizes["y"].values()]
+    unknowns = [*statement.sizes["y"].values()]
     return LawProgram(
         law.name,
-        Program.of(made.graph, {kind: len(made.inputs[kind]) for kind in INPUTS}, parts, ORDER),
+        Program.of(
+            statement.graph, {kind: len(statement.inputs[kind]) for kind in INPUTS}, outputs, ORDER
+        ),
         strains,
         (*STANDARD, *law.memory),
-        np.array([*made.sizes["old"].values()], dtype=np.int64),
+        np.array([*statement.sizes["old"].values()], dtype=np.int64),
         np.repeat(np.arange(len(unknowns)), unknowns).astype(np.int64),
         tuple(named),
         tuple(value if isinstance(value, str) else float(value) for value in named.values()),
         np.nan_to_num([low for low, _ in limits]).astype(float),  # files hold no infinite numbers
         np.nan_to_num([high for _, high in limits]).astype(float),
-        made.inputs["dt"][0] in made.graph.needed([node for part in parts for node in part]),
+        statement.inputs["dt"][0]
+        in statement.graph.needed([node for nodes in outputs for node in nodes]),
         law.elastic,
-        made.stated.reason,
+        statement.stated.reason,
         plane_stress,
     )
 
@@ -656,21 +742,24 @@ class _Made:
         self.inputs: dict[str, list[int]] = {}  # nodes of all symbols of a kind
         table: dict[object, list[int]] = {}
         spaces = {}
-        every = {
+        sizes_by_name = {
             (kind, name): size for kind, sizes in self.sizes.items() for name, size in sizes.items()
         }
         shapes = {
-            f"{kind}_{name}": (size,) if size > 1 else () for (kind, name), size in every.items()
+            f"{kind}_{name}": (size,) if size > 1 else ()
+            for (kind, name), size in sizes_by_name.items()
         }
-        found = symbols(**shapes | ({"strain_strain": (3, 3)} if law.finite else {}))
+        named = symbols(**shapes)
         for kind, sizes in self.sizes.items():
             nodes: list[int] = []
             for name, size in sizes.items():
-                own = [self.graph.input(kind, len(nodes) + place) for place in range(size)]
-                table[found[f"{kind}_{name}"]] = own
-                nodes += own
+                components = [
+                    self.graph.input(kind, len(nodes) + component) for component in range(size)
+                ]
+                table[named[f"{kind}_{name}"]] = components
+                nodes += components
             self.inputs[kind] = nodes
-            spaces[kind] = SimpleNamespace(**{name: found[f"{kind}_{name}"] for name in sizes})
+            spaces[kind] = SimpleNamespace(**{name: named[f"{kind}_{name}"] for name in sizes})
         at = At(
             spaces["strain"].strain, spaces["y"], spaces["old"], spaces["dt"].dt, spaces["constant"]
         )
@@ -683,7 +772,7 @@ class _Made:
 
         law = self.law
         try:
-            found: Any = law.statement(at)
+            stated: Any = law.statement(at)
         except SceneError:
             raise
         except (AttributeError, KeyError) as error:  # a name that it does not have
@@ -698,40 +787,41 @@ class _Made:
                 "it by functions of UFL, ufl.sqrt for math.sqrt, ufl.conditional for if, and of "
                 "forms.laws, trace for ufl.tr"
             ) from error
-        if not isinstance(found, Stated):
+        if not isinstance(stated, Stated):
             raise SceneError(
-                f"the statement of {law.name} returns {found!r:.60}: return a Stated of forms.laws"
+                f"the statement of {law.name} returns {stated!r:.60}: return a Stated of forms.laws"
             )
-        if not isinstance(found.residual, list | tuple):
+        if not isinstance(stated.residual, list | tuple):
             raise SceneError(
                 f"the residual of {law.name} must be a list, of an equation for each unknown"
             )
-        wrong = sorted((set(found.start) | set(found.rest)) - set(law.unknowns))
+        wrong = sorted((set(stated.start) | set(stated.rest)) - set(law.unknowns))
         if wrong:
             raise SceneError(
                 f"{law.name} starts or rests with {wrong[0]!r}, and has the unknowns "
                 f"{list(law.unknowns)}"
             )
-        if (found.limit is None) != (not found.reason):
+        if (stated.limit is None) != (not stated.reason):
             raise SceneError(
                 f"{law.name} states a limit without a reason, or a reason without a limit: give "
                 "both"
             )
-        return found
+        return stated
 
     def _initial(self, given: Mapping[str, Any]) -> list[int]:
         """Nodes of values of the unknowns, 0 for those not given."""
         zero = self.graph.const(0)
-        found = (
+        values = (
             self._of(given[name]) if name in given else [zero] * size
             for name, size in self.sizes["y"].items()
         )
-        return [node for nodes in found for node in nodes]
+        return [node for nodes in values for node in nodes]
 
     def parts(self) -> list[list[int]]:
         """Nodes of the outputs of each part.
 
-        SceneError for a statement whose parts do not fit the law.
+        Raises:
+            SceneError: for a statement whose parts do not fit the law.
         """
         law = self.law
         graph = self.graph
@@ -763,23 +853,27 @@ class _Made:
                 )
             after += nodes
         after += [] if stated.limit is None else self._of(stated.limit)
-        left = [node for part in stated.residual for node in self._of(part)]
-        if len(left) != len(unknown):
-            raise SceneError(f"{law.name} has {len(unknown)} unknowns and {len(left)} residuals")
+        residual = [node for equation in stated.residual for node in self._of(equation)]
+        if len(residual) != len(unknown):
+            raise SceneError(
+                f"{law.name} has {len(unknown)} unknowns and {len(residual)} residuals"
+            )
         start = self._initial(stated.start)
         trial = [] if stated.trial is None else self._of(stated.trial)
         if set(unknown) & set(graph.needed([*start, *trial])):
             raise SceneError(
                 f"{law.name} states its trial or its start by its unknowns, which it starts for"
             )
-        rest = graph.substituted(after, dict(zip(unknown, self._initial(stated.rest), strict=True)))
+        resting = graph.substituted(
+            after, dict(zip(unknown, self._initial(stated.rest), strict=True))
+        )
         solved: list[list[int]] = [[], [], [], [], []]
         if unknown:
             slopes = (
                 graph.jacobian(stress, strain)
                 + graph.jacobian(stress, unknown)
-                + graph.jacobian(left, strain)
+                + graph.jacobian(residual, strain)
             )
-            solved = [trial, start, left + graph.jacobian(left, unknown), after, slopes]
+            solved = [trial, start, residual + graph.jacobian(residual, unknown), after, slopes]
         # differentiated after the unknowns are replaced, so that quotients of zeros fold away
-        return [*solved, rest, graph.jacobian(rest[: len(stress)], strain)]
+        return [*solved, resting, graph.jacobian(resting[: len(stress)], strain)]

@@ -55,7 +55,7 @@ SECOND_DIFFERENCE_ROUND_OFF = 1e-8
 
 
 class Inputs(NamedTuple):
-    """What a step depends on at n points."""
+    """Inputs of a step at n points."""
 
     strain: np.ndarray  #: at its end, (n, c)
     old: InternalVariables  #: before it
@@ -82,13 +82,18 @@ class StepSlopes(NamedTuple):
 def slopes_of(material: Material, given: Inputs, along: Along) -> StepSlopes:
     """Derivatives of the step of a material whose constants are numbers.
 
+    Args:
+        material: laws at the Gauss points.
+        given: inputs of the step.
+        along: their derivatives along K directions.
+
     Raises:
         NotSolvableError: if the equations of a law are singular at a point.
         NotOfferedError: for a law that is code at points whose two sides differ.
     """
     ways = along.strain.shape[2]
     old = along.old
-    found = StepSlopes(
+    slopes = StepSlopes(
         np.empty_like(along.strain),
         InternalVariables(np.zeros_like(along.strain), old.cumulated.copy(), old.memory.copy()),
         np.full((len(given.strain), ways), np.inf),
@@ -98,8 +103,8 @@ def slopes_of(material: Material, given: Inputs, along: Along) -> StepSlopes:
     ):
         size = max(DIFFERENTIATED_AT_ONCE // max(ways, 1), 64)
         for first in range(0, group.indices.size, size):
-            _set_slopes(group, slice(first, first + size), numbers, given, along, constants, found)
-    return found
+            _set_slopes(group, slice(first, first + size), numbers, given, along, constants, slopes)
+    return slopes
 
 
 def _set_slopes(
@@ -112,28 +117,30 @@ def _set_slopes(
     found: StepSlopes,
 ) -> None:
     """Set the derivatives at some points of a group."""
-    own = group.indices[chosen]
+    points = group.indices[chosen]
     values = Inputs(
-        given.strain[own], InternalVariables(*(part[own] for part in given.old)), given.dt
+        given.strain[points],
+        InternalVariables(*(variable[points] for variable in given.old)),
+        given.dt,
     )
     changes = constants[:, chosen] if constants.shape[1] > 1 else constants
     ways = Along(
-        along.strain[own],
-        InternalVariables(*(part[own] for part in along.old)),
+        along.strain[points],
+        InternalVariables(*(variable[points] for variable in along.old)),
         [changes],
         along.lengths,
     )
     numbers = numbers.some(chosen)
     if group.law is None:
-        found.stress[own] = _of_hooke(group, numbers, values.strain, ways)
+        found.stress[points] = _of_hooke(group, numbers, values.strain, ways)
         return
     result = (_of_code if isinstance(group.law, LawCode) else _of_program)(
         group.law, numbers, values, ways
     )
-    found.stress[own] = result.stress
-    found.state.inelastic[own], found.state.cumulated[own] = result.state[:2]
-    found.state.memory[own, : result.state.memory.shape[1]] = result.state.memory
-    found.reach[own] = result.reach
+    found.stress[points] = result.stress
+    found.state.inelastic[points], found.state.cumulated[points] = result.state[:2]
+    found.state.memory[points, : result.state.memory.shape[1]] = result.state.memory
+    found.reach[points] = result.reach
 
 
 def _of_hooke(group: Group, numbers: LawNumbers, strain: np.ndarray, along: Along) -> np.ndarray:
@@ -143,12 +150,12 @@ def _of_hooke(group: Group, numbers: LawNumbers, strain: np.ndarray, along: Alon
     graded = numbers.grading[:, None] if numbers.grading.size else 1.0
     stress = numbers.stress(strain)
     by_young, by_ratio = along.constants[0]
-    found = np.einsum("ij,njk->nik", numbers.elastic, along.strain) * np.expand_dims(graded, -1)
-    found += stress[:, :, None] * (by_young / (young * graded))[:, None]
+    slopes = np.einsum("ij,njk->nik", numbers.elastic, along.strain) * np.expand_dims(graded, -1)
+    slopes += stress[:, :, None] * (by_young / (young * graded))[:, None]
     if by_ratio.any():
         softer = stress @ compliance_slope(stress.shape[1]) @ numbers.elastic / young
-        found -= softer[:, :, None] * by_ratio[:, None]
-    return found
+        slopes -= softer[:, :, None] * by_ratio[:, None]
+    return slopes
 
 
 def _of_program(law: LawProgram, numbers: LawNumbers, given: Inputs, along: Along) -> StepSlopes:
@@ -190,8 +197,8 @@ def _of_program(law: LawProgram, numbers: LawNumbers, given: Inputs, along: Alon
         if after == AFTER:
             _solve(law, forward, inputs[strains:first, which])
         forward.run(after)
-        some, slopes = forward.outputs(after)
-        values[:, which] = some[: law.remembered]
+        results, slopes = forward.outputs(after)
+        values[:, which] = results[: law.remembered]
         outputs[:, which] = slopes[: law.remembered]
         reach[which] = forward.reach
     stress = outputs[:strains].swapaxes(0, 1)
@@ -242,23 +249,23 @@ def _unknowns(law: LawProgram, numbers: LawNumbers, inputs: np.ndarray) -> np.nd
     size = len(law.kinds)
     first = strains + size
     points = inputs.shape[1]
-    place = int(law.code.output_starts[0, AFTER])
+    first_output = int(law.code.output_starts[0, AFTER])
     before = np.ascontiguousarray(inputs[first : first + law.remembered])
     strain = np.ascontiguousarray(inputs[:strains])
     dt = float(inputs[first + law.remembered, 0])
-    found = []
+    unknowns = []
     for start in range(0, size, law.remembered):
         registers = np.arange(strains + start, strains + min(start + law.remembered, size))
         outputs = law.code.outputs.copy()
-        outputs[place : place + law.remembered] = registers[0]
-        outputs[place : place + registers.size] = registers
+        outputs[first_output : first_output + law.remembered] = registers[0]
+        outputs[first_output : first_output + registers.size] = registers
         stress = np.empty((strains, points))
         new = np.empty_like(before)
-        rest = np.empty((0, 0, 0)), np.empty(points, dtype=np.int64)
+        unused = np.empty((0, 0, 0)), np.empty(points, dtype=np.int64)
         code = law.code._replace(outputs=outputs)
-        solve_points(code, 0, 0, points, strain, before, dt, *numbers.numbers, stress, new, *rest)
-        found.append(np.vstack([stress, new[strains:]])[: registers.size])
-    return np.vstack(found)
+        solve_points(code, 0, 0, points, strain, before, dt, *numbers.numbers, stress, new, *unused)
+        unknowns.append(np.vstack([stress, new[strains:]])[: registers.size])
+    return np.vstack(unknowns)
 
 
 def _of_code(law: LawProgram, numbers: LawNumbers, given: Inputs, along: Along) -> StepSlopes:
@@ -266,8 +273,8 @@ def _of_code(law: LawProgram, numbers: LawNumbers, given: Inputs, along: Along) 
 
     NotOfferedError at a kink of any point.
     """
-    here = law.update(given.strain, given.old, given.dt, numbers, tangent=False)
-    found = []
+    middle = law.update(given.strain, given.old, given.dt, numbers, tangent=False)
+    differences = []
     for way, length in enumerate(along.lengths.tolist()):
         sides = []
         for step in (-length, length):
@@ -275,13 +282,13 @@ def _of_code(law: LawProgram, numbers: LawNumbers, given: Inputs, along: Along) 
             young = float(constants[0, 0]) / (
                 float(numbers.grading[0]) if numbers.grading.size else 1.0
             )
-            there = LawNumbers(
+            moved = LawNumbers(
                 constants, *law.elasticity(young, float(constants[1, 0])), numbers.grading
             )
             old = InternalVariables(
                 *(
-                    part + step * change[..., way]
-                    for part, change in zip(given.old, along.old, strict=True)
+                    variable + step * change[..., way]
+                    for variable, change in zip(given.old, along.old, strict=True)
                 )
             )
             sides.append(
@@ -289,13 +296,13 @@ def _of_code(law: LawProgram, numbers: LawNumbers, given: Inputs, along: Along) 
                     given.strain + step * along.strain[:, :, way],
                     old,
                     given.dt,
-                    there,
+                    moved,
                     tangent=False,
                 )
             )
         less, more = (side.stress for side in sides)
-        bend = np.abs(less + more - 2 * here.stress).max(axis=1, initial=0.0)
-        least = SECOND_DIFFERENCE_ROUND_OFF * np.abs(here.stress).max(initial=0.0)
+        bend = np.abs(less + more - 2 * middle.stress).max(axis=1, initial=0.0)
+        least = SECOND_DIFFERENCE_ROUND_OFF * np.abs(middle.stress).max(initial=0.0)
         kinks = bend > np.maximum(BENT * np.abs(more - less).max(axis=1, initial=0.0), least)
         if kinks.any():
             raise NotOfferedError(
@@ -308,6 +315,8 @@ def _of_code(law: LawProgram, numbers: LawNumbers, given: Inputs, along: Along) 
             (sides[1].stress, sides[0].stress),
             *zip(sides[1].state, sides[0].state, strict=True),
         ]
-        found.append([(high - low) / (2 * length) for high, low in pairs])
-    stress, *state = (np.stack(parts, axis=-1) for parts in zip(*found, strict=True))
-    return StepSlopes(stress, InternalVariables(*state), np.full((len(stress), len(found)), np.inf))
+        differences.append([(high - low) / (2 * length) for high, low in pairs])
+    stress, *state = (np.stack(columns, axis=-1) for columns in zip(*differences, strict=True))
+    return StepSlopes(
+        stress, InternalVariables(*state), np.full((len(stress), len(differences)), np.inf)
+    )

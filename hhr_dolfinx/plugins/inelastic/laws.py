@@ -52,8 +52,8 @@ class _Stated(Law):
         """See :class:`Law`."""
         from hhr_dolfinx.forms import laws
 
-        found: Stated = getattr(laws, self.stated)(at, **self.settings())
-        return found
+        stated: Stated = getattr(laws, self.stated)(at, **self.settings())
+        return stated
 
     def settings(self) -> dict[str, object]:
         """Further arguments of the function."""
@@ -134,16 +134,16 @@ class TabulatedHardening(_Stated):
 
     def __post_init__(self) -> None:
         try:
-            places, heights = np.array(self.points, dtype=float).reshape(len(self.points), 2).T
+            strains, heights = np.array(self.points, dtype=float).reshape(len(self.points), 2).T
         except (TypeError, ValueError):
             raise SceneError(f"the table {self.points} needs pairs of p and a stress") from None
         begins = (
-            len(places) > 1
-            and places[0] == 0
+            len(strains) > 1
+            and strains[0] == 0
             and heights[0] > 0
-            and np.isfinite([places, heights]).all()
+            and np.isfinite([strains, heights]).all()
         )
-        if not begins or (np.diff(places) <= 0).any() or (np.diff(heights) < 0).any():
+        if not begins or (np.diff(strains) <= 0).any() or (np.diff(heights) < 0).any():
             raise SceneError(
                 f"the table {self.points} needs finite (p, stress), p growing from 0, and a "
                 "stress that is positive and does not fall: softening has no answer that does not "
@@ -207,7 +207,7 @@ class Chaboche(_Stated):
         return super().constants() | pairs
 
     def settings(self) -> dict[str, object]:
-        """See above."""
+        """Number of back stresses, see :class:`_Stated`."""
         return {"backs": len(self.backs)}
 
 
@@ -424,8 +424,15 @@ class Orthotropic(_Framed):
         shear: float,
         frame: Frame = AXES,
     ) -> Orthotropic:
-        """Isotropic across the first axis: moduli along and across it, contraction across of a pull
-        along it, ratio across, and shear modulus along.
+        """Elasticity that is isotropic across the first axis.
+
+        Args:
+            along: modulus along the first axis.
+            across: modulus across it.
+            ratio_along: contraction across of a pull along it.
+            ratio_across: contraction across of a pull across.
+            shear: shear modulus along it.
+            frame: unit vectors of the material as rows.
         """
         plane = across / (2 * (1 + ratio_across))
         return cls(
@@ -556,8 +563,12 @@ class _Around(Law):
         """Names of its constants by field: others than those of the law, which may have one of the
         same name.
         """
-        known = self._inner.constants()
-        return {item.name: _unused(item.name, known) for item in fields(self) if item.name != "law"}
+        taken = self._inner.constants()
+        return {
+            constant.name: _unused(constant.name, taken)
+            for constant in fields(self)
+            if constant.name != "law"
+        }
 
     @property
     def _kept(self) -> str:
@@ -623,24 +634,3 @@ def _unused(name: str, known: Mapping[str, object]) -> str:
     while name in known:
         name += "_of_outer"
     return name
-
-
-@dataclass(frozen=True)
-class NeoHooke(_Stated):
-    """Neo-Hookean elasticity at large strains, of E and ν of the body."""
-
-    finite: ClassVar[bool] = True
-    stated: ClassVar = "neo_hooke"
-
-
-@dataclass(frozen=True)
-class MooneyRivlin(_Stated):
-    """Mooney and Rivlin's elasticity at large strains.
-
-    ``share`` of μ/2 belongs to the second invariant.
-    """
-
-    share: float | str
-    finite: ClassVar[bool] = True
-    limits: ClassVar = {"share": (-1e-12, 1.000001)}
-    stated: ClassVar = "mooney_rivlin"

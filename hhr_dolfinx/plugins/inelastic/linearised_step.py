@@ -49,7 +49,7 @@ turn of a history, is kept for the next one. In the plane the plastic pellet tak
 with 5, 8, 10 and 15; its reduced model 1.6 times as long with 15.
 """
 PATIENCE_IN_SPACE = 15
-"""The same if a tangent costs as much as ten iterations, as of full models in space: the smallest
+"""Iterations if a tangent costs as much as ten of them, as of full models in space: the smallest
 indentation of the demo takes 0.46 s, as by the elastic operator alone, and 0.69 s with 5.
 """
 EXTRAPOLATED_ITERATIONS = 15
@@ -127,12 +127,17 @@ class MeshEquilibrium(MarchingEquilibrium):
         return self.field(x) + self.lifts @ theta if self.lifts.nnz else self.field(x)
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """See :class:`Equilibrium`."""
-        found = self.operator.strain(self._displacement(x, theta))
+        """See :class:`Equilibrium`.
+
+        Args:
+            x: unknown, (n,).
+            theta: amplitudes θ of the loads at the parameter.
+        """
+        strain = self.operator.strain(self._displacement(x, theta))
         return (
-            found - (self.eigenstrains @ theta).reshape(found.shape)
+            strain - (self.eigenstrains @ theta).reshape(strain.shape)
             if self.eigenstrains.nnz
-            else found
+            else strain
         )
 
     def strain_of(self, change: np.ndarray) -> np.ndarray:
@@ -140,7 +145,12 @@ class MeshEquilibrium(MarchingEquilibrium):
         return self.operator.strain(self.field(change))
 
     def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Size of round-off of the sum of stiffness times displacement for each body, (bodies,)."""
+        """Size of round-off of the sum of stiffness times displacement for each body, (bodies,).
+
+        Args:
+            x: unknown, (n,).
+            theta: amplitudes θ of the loads at the parameter.
+        """
         return 1e-13 * self.norms(self._sizes @ np.abs(self._displacement(x, theta)))
 
     def stepper(self, settings: MarchSettings) -> LinearisedStepper:
@@ -183,7 +193,14 @@ class LinearisedStepper(Stepper):
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
         """Solve from the extrapolation of the answers before.
 
-        If that fails, with new tangents, elastically started.
+        If that fails, with new tangents from an elastic start.
+
+        Args:
+            trail: last answers, at most three, the present one last.
+            goal: time and parameter at the end of the step.
+
+        Raises:
+            Diverged: if neither converges.
         """
         settings = self.settings
         careful = replace(settings, search="tangent") if settings.search == "frozen" else settings
@@ -231,32 +248,32 @@ class LinearisedStepper(Stepper):
         an elastic start.
         """
         model = self.model
-        here = trail[-1]
+        present = trail[-1]
         dt = goal.time - trail[-1].time
         theta = model.amplitudes(goal.parameter)
         material = model.material.at(goal.parameter)
         x = self._extrapolated(trail, goal, theta) if start is None else start.unknown
         flows = material.flows and settings.search != "elastic"
         mixing = Anderson() if material.flows and settings.search != "tangent" else None
-        active = (here if start is None else start).active
-        contact = steps_of(model.law).step_contact(model, here, goal.parameter, goal.time)
+        active = (present if start is None else start).active
+        contact = steps_of(model.law).step_contact(model, present, goal.parameter, goal.time)
         linear: Any = self._linearisation if flows else model.elastic
         for iteration in range(1, settings.iterations + 1):
             renew = flows and (linear is None or settings.search == "tangent")
             strain = model.strain(x, theta)
             update = self._finite(
-                partial(material.update, strain, gauss_of(here).state, dt, tangent=renew)
+                partial(material.update, strain, gauss_of(present).state, dt, tangent=renew)
             )
             residual, scale = model.residual(x, update, theta)
-            flowed = update.state.cumulated - gauss_of(here).state.cumulated
+            flowed = update.state.cumulated - gauss_of(present).state.cumulated
             with self._solvable(flowed):
                 linear = model.linearised(update.tangents) if renew else linear
-                change, found = linear.correct(residual, x, theta, active, contact)
-            self._demand_borne(found.status, flowed)
-            left = model.norms(residual - model.contact_load(found.forces))
+                change, statuses = linear.correct(residual, x, theta, active, contact)
+            self._demand_borne(statuses.status, flowed)
+            imbalance = model.norms(residual - model.contact_load(statuses.forces))
             # each body by its own forces, or if it is unloaded by its largest forces before
             small = settings.relative_force * np.maximum(scale, self._forces)
-            if (left <= small).all() or (left <= small + model.round_off(x, theta)).all():
+            if (imbalance <= small).all() or (imbalance <= small + model.round_off(x, theta)).all():
                 # the more expensive of the two criteria comes last
                 remaining = _stress_change(linear, model.strain_of(change))
                 largest = max(self._stress, self._mean(update.stress))
@@ -267,17 +284,19 @@ class LinearisedStepper(Stepper):
                     again = settings.search != "tangent" and iteration <= model.patience
                     self._linearisation = linear if again else None
                     self._grow(scale, largest)
-                    kept = Memory(gauss=GaussState(update.stress, update.state)) | contact.memory(x)
-                    free = linear.undetermined(found, x, theta, model.law)
-                    found = found._replace(iterations=iteration)
-                    answer = found_as(found, goal.parameter, x, model.fields)
-                    return answer._replace(undetermined=free, time=goal.time, memory=kept)
-            active = found.active
+                    memory = Memory(gauss=GaussState(update.stress, update.state)) | contact.memory(
+                        x
+                    )
+                    undetermined = linear.undetermined(statuses, x, theta, model.law)
+                    statuses = statuses._replace(iterations=iteration)
+                    answer = found_as(statuses, goal.parameter, x, model.fields)
+                    return answer._replace(undetermined=undetermined, time=goal.time, memory=memory)
+            active = statuses.active
             x = x + change if mixing is None else mixing(x, change)
         remaining = _stress_change(linear, model.strain_of(change)).max(axis=1)
         largest = model.together.largest(remaining.max())
-        why = f"after {settings.iterations} iterations the stress still moves by {largest:.3g}"
-        raise Diverged(why, model.together.place(remaining))
+        reason = f"after {settings.iterations} iterations the stress still moves by {largest:.3g}"
+        raise Diverged(reason, model.together.place(remaining))
 
     def _finite(self, updated: Callable[[], Update]) -> Update:
         """The update of the material, which all ranks have with finite stresses."""
@@ -302,14 +321,14 @@ class LinearisedStepper(Stepper):
     def _demand_borne(self, status: Status, flowed: np.ndarray) -> None:
         """Raise Diverged if the linearised contact problem was not solved."""
         if status is not Status.CONVERGED:
-            why = (
+            reason = (
                 f"of the linearised contact problem, {status.value}, or the load is "
                 "more than is borne"
             )
-            raise Diverged(why, self.model.together.place(flowed))
+            raise Diverged(reason, self.model.together.place(flowed))
 
     def _floor(self, linear: Linearisation, settings: MarchSettings, stress: float) -> float:
-        """Change of the stress that is none, of the size of a stress and of round-off."""
+        """Largest change of the stress at convergence: a part of a stress, or round-off of strains."""
         return max(
             settings.floor_stress * stress,
             ROUND_OFF_STRAIN * self.model.together.largest(linear.moduli.max()),
@@ -336,10 +355,10 @@ class LinearisedStepper(Stepper):
         residual, _ = model.residual(x, GaussState(stress, gauss_of(here).state), theta)
         try:
             contact = steps_of(model.law).step_contact(model, here, goal.parameter, goal.time)
-            change, found = model.elastic.correct(residual, x, theta, here.active, contact)
+            change, statuses = model.elastic.correct(residual, x, theta, here.active, contact)
         except NotSolvableError:
             return x
-        return x + change if found.status is Status.CONVERGED else x
+        return x + change if statuses.status is Status.CONVERGED else x
 
 
 def _stress_change(linear: Linearisation, strain: np.ndarray) -> np.ndarray:

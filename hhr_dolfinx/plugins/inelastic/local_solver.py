@@ -86,7 +86,7 @@ STRAINS, UNKNOWNS, MEMORY, CONSTANTS, REGISTERS, LIMITED = range(6)
 
 
 @compiled(inner=True, error_model="numpy")
-def _factor(factors, pivots, which):
+def _factor(factors: np.ndarray, pivots: np.ndarray, which: np.ndarray) -> None:
     """Replace ``factors``, which hold matrices, by LU factors; a singular one has a pivot 0 or
     NaN.
     """
@@ -111,7 +111,7 @@ def _factor(factors, pivots, which):
 
 
 @compiled(inner=True, error_model="numpy")
-def _solve(factors, pivots, which, vectors):
+def _solve(factors: np.ndarray, pivots: np.ndarray, which: np.ndarray, vectors: np.ndarray) -> None:
     """Replace right-hand sides ``vectors``, (u, m), by solutions with LU factors."""
     size = len(factors)
     if size == 1:
@@ -123,8 +123,8 @@ def _solve(factors, pivots, which, vectors):
         if not which[k]:
             continue
         for i in range(size):
-            other = pivots[i, k]
-            vectors[i, k], vectors[other, k] = vectors[other, k], vectors[i, k]
+            pivot = pivots[i, k]
+            vectors[i, k], vectors[pivot, k] = vectors[pivot, k], vectors[i, k]
         for i in range(1, size):
             for j in range(i):
                 vectors[i, k] -= factors[i, j, k] * vectors[j, k]
@@ -135,7 +135,9 @@ def _solve(factors, pivots, which, vectors):
 
 
 @compiled(inner=True, error_model="numpy")
-def _measure(steps, weights, kinds, lengths):
+def _measure(
+    steps: np.ndarray, weights: np.ndarray, kinds: np.ndarray, lengths: np.ndarray
+) -> None:
     """Set ``lengths``, (m,): largest change of an unknown relative to its kind.
 
     Infinite if a step is not finite.
@@ -145,12 +147,15 @@ def _measure(steps, weights, kinds, lengths):
     for i in range(kinds.size):
         kind = kinds[i]
         for k in range(lengths.size):
-            part = abs(steps[i, k]) / weights[kind, k] if steps[i, k] != 0.0 else 0.0
-            lengths[k] = max(lengths[k], part if part < np.inf else np.inf)  # NaN too
+            length = abs(steps[i, k]) / weights[kind, k] if steps[i, k] != 0.0 else 0.0
+            lengths[k] = max(lengths[k], length if length < np.inf else np.inf)  # NaN too
 
 
 @compiled(inner=True, error_model="numpy")
-def _newton(code, law, work, open_, factors, pivots):
+def _newton(
+    code: Code, law: int, work: np.ndarray, open_: np.ndarray,
+    factors: np.ndarray, pivots: np.ndarray,
+) -> None:  # fmt: skip
     """Solve for y, in ``work``, at points that are not solved.
 
     ``open_`` becomes the result at each.
@@ -214,7 +219,16 @@ def _newton(code, law, work, open_, factors, pivots):
 
 
 @compiled(inner=True, error_model="numpy")
-def _settle(code, law, work, open_, factors, pivots, iterate, steps):
+def _settle(
+    code: Code,
+    law: int,
+    work: np.ndarray,
+    open_: np.ndarray,
+    factors: np.ndarray,
+    pivots: np.ndarray,
+    iterate: np.ndarray,
+    steps: np.ndarray,
+) -> None:
     """Take points as solved whose steps are as small as a change of the strain by round-off makes
     them.
 
@@ -252,7 +266,7 @@ def _settle(code, law, work, open_, factors, pivots, iterate, steps):
 
 
 @compiled(inner=True)
-def _mark_finite(outputs, work, count, finite):
+def _mark_finite(outputs: np.ndarray, work: np.ndarray, count: int, finite: np.ndarray) -> None:
     """Set ``finite``: true at points where ``count`` outputs of the last run are all finite."""
     finite[:] = True
     for i in range(count):
@@ -262,7 +276,7 @@ def _mark_finite(outputs, work, count, finite):
 
 
 @compiled(inner=True)
-def _negate(outputs, work, which, new):
+def _negate(outputs: np.ndarray, work: np.ndarray, which: np.ndarray, new: np.ndarray) -> None:
     """Set ``new`` to -r, which the last run of the machine computed."""
     for i in range(len(new)):
         row = work[outputs[i]]
@@ -272,7 +286,14 @@ def _negate(outputs, work, which, new):
 
 
 @compiled(inner=True)
-def _linearise(outputs, work, strains, which, factors, iterate):
+def _linearise(
+    outputs: np.ndarray,
+    work: np.ndarray,
+    strains: int,
+    which: np.ndarray,
+    factors: np.ndarray,
+    iterate: np.ndarray,
+) -> None:
     """Set ``factors`` to dr/dy of the last run, and ``iterate`` to its y."""
     size = len(iterate)
     for i in range(size):
@@ -287,7 +308,9 @@ def _linearise(outputs, work, strains, which, factors, iterate):
 
 
 @compiled(inner=True)
-def _weigh(iterate, new, which, kinds, weights):
+def _weigh(
+    iterate: np.ndarray, new: np.ndarray, which: np.ndarray, kinds: np.ndarray, weights: np.ndarray
+) -> None:
     """Set ``weights``: largest unknown or step of each kind."""
     for i in range(kinds.size):
         for k in range(which.size):
@@ -301,14 +324,24 @@ def _weigh(iterate, new, which, kinds, weights):
 
 
 @compiled(inner=True)
-def _copy(values, to):
+def _copy(values: np.ndarray, to: np.ndarray) -> None:
     """Copy a row; loops over rows vectorise, and those with sums as indices do not."""
     for k in range(values.size):
         to[k] = values[k]
 
 
 @compiled(inner=True)
-def _load(code, law, work, first, count, strain, old, dt, constants):
+def _load(
+    code: Code,
+    law: int,
+    work: np.ndarray,
+    first: int,
+    count: int,
+    strain: np.ndarray,
+    old: np.ndarray,
+    dt: float,
+    constants: np.ndarray,
+) -> None:
     """Set the inputs of a block from those of :func:`solve_points`.
 
     Points after the last one repeat it.
@@ -334,7 +367,16 @@ def _load(code, law, work, first, count, strain, old, dt, constants):
 
 
 @compiled(inner=True)
-def _store(code, law, work, part, block, solved_for, wanted, found):
+def _store(
+    code: Code,
+    law: int,
+    work: np.ndarray,
+    part: int,
+    block: tuple[int, int],
+    solved_for: np.ndarray,
+    wanted: bool,
+    found: tuple[np.ndarray, ...],
+) -> None:
     """Store stress, memory and BEYOND at points of a block at which ``solved_for``, (m,), is
     ``wanted``, a bool.
     """
@@ -356,7 +398,17 @@ def _store(code, law, work, part, block, solved_for, wanted, found):
 
 
 @compiled(inner=True, error_model="numpy")
-def _store_tangents(code, law, work, part, block, solved_for, wanted, tangent, factors):
+def _store_tangents(
+    code: Code,
+    law: int,
+    work: np.ndarray,
+    part: int,
+    block: tuple[int, int],
+    solved_for: np.ndarray,
+    wanted: bool,
+    tangent: np.ndarray,
+    factors: tuple[np.ndarray, ...],
+) -> None:
     """Store tangents dσ/dε - dσ/dy (dr/dy)^-1 dr/dε in ``tangent``, (c, c, n), at the points of
     :func:`_store`.
     """
@@ -387,7 +439,17 @@ def _store_tangents(code, law, work, part, block, solved_for, wanted, tangent, f
 
 
 @compiled(inner=True)
-def _finish(code, law, work, part, block, solved_for, wanted, found, factors):
+def _finish(
+    code: Code,
+    law: int,
+    work: np.ndarray,
+    part: int,
+    block: tuple[int, int],
+    solved_for: np.ndarray,
+    wanted: bool,
+    found: tuple[np.ndarray, ...],
+    factors: tuple[np.ndarray, ...],
+) -> None:
     """Run :data:`AFTER` or :data:`REST` and store its results at points that were solved for, or at
     the others.
     """
@@ -400,7 +462,16 @@ def _finish(code, law, work, part, block, solved_for, wanted, found, factors):
 
 
 @compiled(inner=True, error_model="numpy")
-def _solve_block(code, law, work, first, count, states, found, factors):
+def _solve_block(
+    code: Code,
+    law: int,
+    work: np.ndarray,
+    first: int,
+    count: int,
+    states: tuple[np.ndarray, np.ndarray],
+    found: tuple[np.ndarray, ...],
+    factors: tuple[np.ndarray, ...],
+) -> None:
     """Solve a block whose inputs are set; ``states`` is room for ``solved_for`` and ``open_``."""
     solved_for, open_ = states
     result = found[3]
@@ -419,9 +490,9 @@ def _solve_block(code, law, work, first, count, states, found, factors):
     if active > 0:
         run(code.rows, code.starts[law, START], code.ends[law, START], work)
         for i in range(size):
-            place = code.outputs[code.output_starts[law, START] + i]
+            register = code.outputs[code.output_starts[law, START] + i]
             for k in range(solved_for.size):
-                work[code.sizes[law, STRAINS] + i, k] = work[place, k]
+                work[code.sizes[law, STRAINS] + i, k] = work[register, k]
         _newton(code, law, work, open_, factors[0], factors[1])
         _finish(code, law, work, AFTER, (first, first + count), solved_for, True, found, factors)
     for k in range(count):
@@ -447,14 +518,25 @@ def solve_points(
     tangent: np.ndarray,
     result: np.ndarray,
 ) -> None:
-    """Stress, (c, n), memory, (k, n), and tangents, (c, c, n), at the end of a step.
+    """Solve a step of a law at some points.
 
-    Tangents may be empty.
+    Memory and constants may have more rows than the law.
 
-    The points are those from ``start`` to ``end`` - 1 of n. Strains are (c, n), constants
-    (constants, n), or (constants, 1) if they are the same at all points, C^-1 is (c, c). At a point
-    it is over ``grading``, (n,), which is empty for 1. Memory and constants may have more rows than
-    the law. ``result`` is one of :data:`SOLVED` and the others at each point.
+    Args:
+        code: programs of laws.
+        law: number of the law in ``code``.
+        start: first point.
+        end: last point and one.
+        strain: strain at the end of the step, (c, n).
+        old: memory before it, (k, n).
+        dt: duration of the step in seconds.
+        constants: E, ν and constants, (constants, n), or (constants, 1) if all points share them.
+        compliance: C^-1, (c, c), for the grading 1.
+        grading: factor of C at each point, (n,); empty for 1.
+        stress: set to the stress, (c, n).
+        new: set to the memory, (k, n).
+        tangent: set to the tangents, (c, c, n); may be empty.
+        result: set to :data:`SOLVED` or another code at each point, (n,).
     """
     strains = code.sizes[law, STRAINS]
     size = code.sizes[law, UNKNOWNS]
@@ -473,12 +555,12 @@ def solve_points(
         np.empty((strains, size, block)),
     )
     states = np.zeros(block, dtype=np.bool_), np.zeros(block, dtype=np.int64)
-    found = stress, new, tangent, result
+    results = stress, new, tangent, result
     result[start:end] = SOLVED
     for first in range(start, end, block):
         count = min(block, end - first)
         _load(code, law, work, first, count, strain, old, dt, constants)
-        _solve_block(code, law, work, first, count, states, found, factors)
+        _solve_block(code, law, work, first, count, states, results, factors)
     _set_inelastic(start, end, strain, old, (compliance, grading), stress, new)
     for i in range(
         code.sizes[law, MEMORY]
@@ -490,7 +572,14 @@ def solve_points(
 
 @compiled(inner=True)
 def subtract(share: float, row: np.ndarray, grading: np.ndarray, to: np.ndarray) -> None:
-    """Subtract a share of a row, over the grading if there is any, from another row."""
+    """Subtract a share of a row, over the grading if there is any, from another row.
+
+    Args:
+        share: factor of the row.
+        row: row to subtract, (n,).
+        grading: divisor at each point, (n,); empty for 1.
+        to: row to change, (n,).
+    """
     if grading.size > 0:
         for k in range(to.size):
             to[k] -= share * row[k] / grading[k]
@@ -500,7 +589,15 @@ def subtract(share: float, row: np.ndarray, grading: np.ndarray, to: np.ndarray)
 
 
 @compiled(inner=True)
-def _set_inelastic(start, end, strain, old, elasticity, stress, new):
+def _set_inelastic(
+    start: int,
+    end: int,
+    strain: np.ndarray,
+    old: np.ndarray,
+    elasticity: tuple[np.ndarray, np.ndarray],
+    stress: np.ndarray,
+    new: np.ndarray,
+) -> None:
     """Set the first rows of ``new`` to ε - C^-1 σ, (c, n).
 
     Where nothing flowed, it does not change by round-off.
@@ -538,9 +635,11 @@ def code_of(programs: Sequence[tuple[Program, Sequence[int], np.ndarray]]) -> Co
     output_ends = (
         np.array([program.output_ends for program, _, _ in programs]) + first_output[:-1, None]
     )
-    kinds = np.zeros((len(programs), max(len(item) for _, _, item in programs)), dtype=np.int64)
-    for row, (_, _, item) in zip(kinds, programs, strict=True):
-        row[: len(item)] = item
+    kinds = np.zeros(
+        (len(programs), max(len(unknown_kinds) for _, _, unknown_kinds in programs)), dtype=np.int64
+    )
+    for row, (_, _, unknown_kinds) in zip(kinds, programs, strict=True):
+        row[: len(unknown_kinds)] = unknown_kinds
     arrays = (
         np.vstack(rows),
         np.concatenate([program.numbers for program, _, _ in programs]),

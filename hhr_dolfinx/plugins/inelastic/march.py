@@ -62,7 +62,15 @@ class MarchingEquilibrium(MaterialEquilibrium):
         known: Sequence[Answer] = (),
         keep: Callable[[Answer], None] = lambda answer: None,
     ) -> History:
-        """History along a checked path, see :func:`march`."""
+        """History along a checked path, see :func:`march`.
+
+        Args:
+            model: not read: the equilibrium answers.
+            path: checked path.
+            settings: settings of the history.
+            known: answers of its first steps.
+            keep: called with each answer.
+        """
         return march(self._marching(settings), path, settings, known=known, keep=keep)
 
     def known_error(self, known: str) -> str:
@@ -84,7 +92,16 @@ class MarchingEquilibrium(MaterialEquilibrium):
     ) -> Answer:
         """One step from rest to a point, see :func:`one_step`.
 
-        NotOfferedError for a gradient and other arguments.
+        Args:
+            model: the model that answers.
+            point: parameter, (P,).
+            raise_on_failure: raise instead of returning NaN and a status.
+            outside: policy outside the training range.
+            gradient: compute the derivatives along the parameters.
+            **step: ``duration`` of the step.
+
+        Raises:
+            NotOfferedError: for a gradient and other keywords.
         """
         if step.keys() - {"duration"}:
             raise NotOfferedError(
@@ -176,8 +193,8 @@ class _MarchedSteps:
 
     def _begun(self, number: int, time: float, point: np.ndarray) -> bool:
         """Check the start of a step; True if the path turns there."""
-        here = self.trail[-1]
-        self.watch.before(number, here.time, time, here.parameter, point)
+        present = self.trail[-1]
+        self.watch.before(number, present.time, time, present.parameter, point)
         turned = _turns(self.model, self.trail, point)
         if turned:
             # the inelastic bodies of the last step respond elastically now: an extrapolation would
@@ -186,7 +203,12 @@ class _MarchedSteps:
         return turned
 
     def known(self, number: int, answer: Answer) -> Answer:
-        """Take in a step that the full model solved before."""
+        """Take in a step that the full model solved before.
+
+        Args:
+            number: number of the step in the path, from 1 on.
+            answer: its answer.
+        """
         turned = self._begun(number, *self.path[number])
         after = self.model.together.own(answer)
         self.stepper.learn(after)
@@ -195,7 +217,16 @@ class _MarchedSteps:
         return self._ended(number, after, answer)
 
     def solved(self, number: int, time: float, point: np.ndarray) -> Answer:
-        """Solve a step, cut as often as necessary."""
+        """Solve a step, cut as often as necessary.
+
+        Args:
+            number: number of the step in the path, from 1 on.
+            time: its time in seconds.
+            point: parameter at its end, (P,).
+
+        Raises:
+            ConvergenceError: if the smallest parts do not converge.
+        """
         turned = self._begun(number, time, point)
         try:
             after = _stepped(
@@ -206,30 +237,30 @@ class _MarchedSteps:
         return self._ended(number, after, None)
 
     def _lost(self, number: int, time: float, failure: Diverged) -> ConvergenceError:
-        place = ""
+        location = ""
         if failure.worst is not None:
             point = int(self.model.points[failure.worst])
-            place = f"; worst at Gauss point {point}, in cell {point // self.model.per_cell}"
+            location = f"; worst at Gauss point {point}, in cell {point // self.model.per_cell}"
         return ConvergenceError(
-            f"step {number} to t = {time:g} s did not converge: {failure}{place}. "
+            f"step {number} to t = {time:g} s did not converge: {failure}{location}. "
             f"Take smaller steps; the {number - 1} steps before are kept"
         )
 
-    def _ended(self, number: int, after: Answer, whole: Answer | None) -> Answer:
+    def _ended(self, number: int, after: Answer, gathered: Answer | None) -> Answer:
         """Check the end of a step, and return it as one answer of all ranks."""
         self.check(after)
         signs = self.model.signs(after)
         self.watch.after(number, after.time, signs)  # a refused step is not kept
-        whole = self.model.together.whole(after) if whole is None else whole
+        gathered = self.model.together.whole(after) if gathered is None else gathered
         if after.undetermined is not None and all(
             answer.undetermined is None for answer in self.history.answers
         ):
-            warn_undetermined(self.model.parameters, whole)  # once for a path
+            warn_undetermined(self.model.parameters, gathered)  # once for a path
         self.history.signs.append(signs)
         report = number, len(self.path) - 1, after.time, after.iterations, after.parts
         _log.info("step %d of %d, t = %g s: %d iterations in %d parts", *report)
         self.trail = (*self.trail[-2:], after)
-        return whole
+        return gathered
 
 
 def _stepped(
@@ -245,11 +276,13 @@ def _stepped(
     """
     controlled = stepper.settings.time_tolerance is not None
     if second is not None and controlled:
-        parts, spent = in_parts(stepper, trail, goal, second, number, turned)
+        answers, spent = in_parts(stepper, trail, goal, second, number, turned)
     else:
-        parts = stepper.advance(trail, goal)
-        spent = sum(part.iterations for part in parts)
-    answer = parts[-1]._replace(iterations=spent, ends=tuple(part.time for part in parts[:-1]))
+        answers = stepper.advance(trail, goal)
+        spent = sum(solved.iterations for solved in answers)
+    answer = answers[-1]._replace(
+        iterations=spent, ends=tuple(solved.time for solved in answers[:-1])
+    )
     if second is None:
         return answer
     if not controlled:
@@ -263,9 +296,9 @@ def _turns(model: MaterialEquilibrium, trail: tuple[Answer, ...], target: np.nda
     if len(trail) < 2:
         return False
     sides = np.subtract(model.parameters.upper, model.parameters.lower)
-    here = trail[-1].parameter
-    before = (here - trail[-2].parameter) / sides
-    after = (target - here) / sides
+    present = trail[-1].parameter
+    before = (present - trail[-2].parameter) / sides
+    after = (target - present) / sides
     return bool(before @ after < 0)
 
 
@@ -286,7 +319,10 @@ def _uniform(
     """Answer of which all arrays have one value, such as NaN without a solution."""
     stress = np.full((model.material.gauss_points, model.material.components), value)
     gauss = GaussState(
-        stress, InternalVariables(*(np.full_like(part, value) for part in model.material.at_rest()))
+        stress,
+        InternalVariables(
+            *(np.full_like(variable, value) for variable in model.material.at_rest())
+        ),
     )
     arrays = (
         np.full(model.size, value),
@@ -299,28 +335,40 @@ def _uniform(
 
 
 def elastic_axes(moduli: Sequence[str], names: Sequence[str]) -> dict[int, list[str]]:
-    """Formulas of the elasticity by the index of each parameter on which they depend."""
+    """Formulas of the elasticity by the index of each parameter on which they depend.
+
+    Args:
+        moduli: formulas of the elasticity of all bodies.
+        names: names of the parameters.
+    """
     if not moduli:
         return {}
     # imported here: most moduli are numbers, and then formulas need not be loaded
     from hhr_dolfinx.formulas import formula_of
 
     variables = {text: formula_of(text, "a modulus").variables for text in sorted(set(moduli))}
-    found = {
-        place: [text for text, own in variables.items() if name in own]
-        for place, name in enumerate(names)
+    by_index = {
+        index: [text for text, names_of in variables.items() if name in names_of]
+        for index, name in enumerate(names)
     }
-    return {place: texts for place, texts in found.items() if texts}
+    return {index: texts for index, texts in by_index.items() if texts}
 
 
 def check_elasticity(moduli: Sequence[str], names: Sequence[str], path: Path) -> None:
-    """Raise ParameterError for a checked path along which a modulus of elasticity changes, by their
-    formulas.
+    """Refuse a path along which a modulus of elasticity changes.
+
+    Args:
+        moduli: formulas of the elasticity of all bodies.
+        names: names of the parameters.
+        path: checked path.
+
+    Raises:
+        ParameterError: for such a path.
     """
-    for place, texts in elastic_axes(moduli, names).items():
-        values = np.array([point[place] for _, point in path])
+    for index, texts in elastic_axes(moduli, names).items():
+        values = np.array([point[index] for _, point in path])
         if np.ptp(values) > 0:
-            name = names[place]
+            name = names[index]
             step = int(np.flatnonzero(values != values[0])[0])
             raise ParameterError(
                 f"{name} changes from {values[0]:g} to {values[step]:g} in step {step} of the "
@@ -337,11 +385,16 @@ def one_step(
     outside: str = "warn",
     duration: float = 1.0,
 ) -> Answer:
-    """Answer of a model of inelastic bodies: one step from rest, where the box is nearest to zero,
-    with its elasticity.
+    """Answer of a model of inelastic bodies: one step from rest, with the elasticity of the point.
 
-    The arguments are those of :meth:`Model.solve`, and the duration of the step in seconds, for
-    laws with rates.
+    Rest is where the box is nearest to zero.
+
+    Args:
+        model: model of inelastic bodies.
+        mu: parameter: number, sequence or mapping by name.
+        raise_on_failure: raise instead of returning NaN and a status.
+        outside: policy outside the training range.
+        duration: duration of the step in seconds, for laws with rates.
     """
     space = model.parameters
     target = space.point(mu)

@@ -47,7 +47,13 @@ class FlowMises(Functional):
 
 
 def mises(operator: StrainOperator, output: StressOutput, cells: np.ndarray) -> FlowMises:
-    """Von Mises' stress of an output at the Gauss points of some cells."""
+    """Von Mises' stress of an output at the Gauss points of some cells.
+
+    Args:
+        operator: strain at the Gauss points.
+        output: output of the scene.
+        cells: numbers of the cells.
+    """
     from hhr_dolfinx.outputs import no_rows  # scenes without outputs do without it
 
     points = operator.points_of(cells)
@@ -96,20 +102,26 @@ class FlowEnergy(Functional):
     def value(self, state: State) -> float:
         """Sum over all Gauss points."""
         stress = state.stress()
-        found = 0.0
+        total = 0.0
         for factor, owner, compliance in zip(
             self._factors, self.owners, self.compliances, strict=True
         ):
-            own = self.bodies == owner
+            points = self.bodies == owner
             # sizes of files are tried with stresses of four components
             few = compliance[: stress.shape[1], : stress.shape[1]]
-            energies = np.einsum("pi,ij,pj->p", stress[own], few, stress[own])
-            found += float(self.weights[own] @ energies) * factor.value(state.point) / 2
-        return found
+            energies = np.einsum("pi,ij,pj->p", stress[points], few, stress[points])
+            total += float(self.weights[points] @ energies) * factor.value(state.point) / 2
+        return total
 
 
 def energy(operator: StrainOperator, material: Material, output: NamedOutput) -> FlowEnergy:
-    """Elastic energy of an output at all Gauss points."""
+    """Elastic energy of an output at all Gauss points.
+
+    Args:
+        operator: strain at the Gauss points.
+        material: laws at the Gauss points.
+        output: output of the scene.
+    """
     from hhr_dolfinx.outputs import no_rows  # scenes without outputs do without it
 
     bodies = np.empty(material.gauss_points, dtype=np.int64)
@@ -145,17 +157,26 @@ def _compliances(group: Group, components: int) -> Iterator[tuple[str, np.ndarra
 
 
 def check_elasticity(material: Material, space: ParameterSpace, output: NamedOutput) -> None:
-    """Raise SceneError for a law, not of plane stress, whose slope at rest is not C of its body
-    somewhere in a box.
+    """Refuse a law, not of plane stress, whose slope at rest is not C of its body.
+
+    The corners and the middle of a box are tried.
+
+    Args:
+        material: laws at the Gauss points.
+        space: box of the parameters.
+        output: output of the scene.
+
+    Raises:
+        SceneError: for such a law.
     """
     for point in (space.lower, space.middle, space.upper):
-        there = material.at(np.array(point, dtype=float))
-        for group, given in zip(there.groups, there.given, strict=True):
+        local = material.at(np.array(point, dtype=float))
+        for group, numbers in zip(local.groups, local.given, strict=True):
             if group.law is None or isinstance(group.law, LawCode):  # code states none at rest
                 continue
-            elastic = there.elastic[group.indices]
+            elastic = local.elastic[group.indices]
             if (
-                np.abs(group.law.tangents_at_rest(given.constants) - elastic).max()
+                np.abs(group.law.tangents_at_rest(numbers.constants) - elastic).max()
                 > REST_ROUND_OFF * np.abs(elastic).max()
             ):
                 raise SceneError(

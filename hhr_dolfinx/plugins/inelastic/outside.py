@@ -40,7 +40,7 @@ class LawStep(NamedTuple):
     constants: Mapping[
         str, float | np.ndarray
     ]  #: with young and poisson; (n,) if they vary in space
-    tangent: bool  #: whether tangents are needed
+    tangent: bool  #: True if tangents are needed
 
 
 class OutsideLaw(Law):
@@ -78,6 +78,9 @@ class OutsideLaw(Law):
 
         A point without an answer has a value that is not finite. Without ``cumulated`` in the
         memory √(2/3) of the change of the inelastic deviator is added.
+
+        Raises:
+            NotImplementedError: a law must state it.
         """
         raise NotImplementedError
 
@@ -86,14 +89,23 @@ class OutsideLaw(Law):
         return law_sizes(self.memory, strains)
 
     def statement(self, at: object) -> NoReturn:
-        """Refuse what needs a law in UFL with a SceneError."""
+        """Refuse uses of a law in UFL.
+
+        Raises:
+            SceneError: always.
+        """
         raise SceneError(
             f"{self.name} is code outside of UFL: no plane stress, no heat and no other law "
             "around it"
         )
 
     def at_points(self, strains: int, *, plane_stress: bool = False) -> LawProgram:
-        """See :class:`Law`."""
+        """See :class:`Law`.
+
+        Args:
+            strains: components of a strain, 4 or 6.
+            plane_stress: state it for plane stress.
+        """
         return self.statement(None) if plane_stress else LawCode(self, strains)
 
 
@@ -115,7 +127,11 @@ class LawCode(LawProgram):
 
     @property
     def program(self) -> NoReturn:
-        """Refuse what needs a program with a NotOfferedError."""
+        """Refuse uses of a program.
+
+        Raises:
+            NotOfferedError: always.
+        """
         raise NotOfferedError(
             f"{self.name} is code outside of UFL, and files, pages, C and FMUs hold none: take "
             "models in memory, and keep the answers, folder=..., of which these are built again"
@@ -127,10 +143,15 @@ class LawCode(LawProgram):
         return False
 
     def with_numbers(self, numbers: Mapping[str, float], place: str = "") -> LawCode:
-        """See :class:`LawProgram`."""
+        """See :class:`LawProgram`.
+
+        Args:
+            numbers: numbers of constants by name.
+            place: description of the point, for messages.
+        """
         self.law.with_numbers(numbers, place)
-        known = dict(zip(self.constants, self.values, strict=True))
-        return LawCode(self.law, self.strains, (*(known | {**numbers}).values(),))
+        values = dict(zip(self.constants, self.values, strict=True))
+        return LawCode(self.law, self.strains, (*(values | {**numbers}).values(),))
 
     def update(
         self,
@@ -141,14 +162,22 @@ class LawCode(LawProgram):
         *,
         tangent: bool,
     ) -> Update:
-        """See :class:`LawProgram`."""
+        """See :class:`LawProgram`.
+
+        Args:
+            strain: total strain at its end, (n, c).
+            old: state before it; not modified.
+            dt: duration of the step in seconds.
+            given: constants of the law and the elasticity.
+            tangent: compute consistent tangents.
+        """
         points, strains = strain.shape
         if not points:
             return Update(strain, old, np.zeros((0, strains, strains)) if tangent else None)
-        parts = np.split(np.column_stack(old), np.cumsum(self.sizes), axis=1)[:-1]
+        columns = np.split(np.column_stack(old), np.cumsum(self.sizes), axis=1)[:-1]
         before = {
-            name: part[:, 0] if part.shape[1] == 1 else part
-            for name, part in zip(self.own, parts, strict=True)
+            name: column[:, 0] if column.shape[1] == 1 else column
+            for name, column in zip(self.own, columns, strict=True)
         }
         before["stress"] = given.stress(before["strain"] - before["inelastic"])
         rows = (row if row.size > 1 else float(row[0]) for row in given.constants)

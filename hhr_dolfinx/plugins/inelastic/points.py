@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
 from hhr_dolfinx.models.answer import Answer
+
+Result = TypeVar("Result")
 
 
 class GaussPoints:
@@ -28,7 +30,7 @@ class GaussPoints:
         """True if ``true`` holds on all ranks."""
         return true
 
-    def agreed(self, work: Callable[[], Any]) -> Any:
+    def agreed(self, work: Callable[[], Result]) -> Result:
         """Result of ``work`` on the local points; an error on one rank is raised on all."""
         return work()
 
@@ -42,7 +44,7 @@ class GaussPoints:
         """
         return int(values.argmax())
 
-    def worst(self, size: float, what: object) -> Any:
+    def worst(self, size: float, what: Result) -> Result:
         """``what`` of the rank with the largest ``size``."""
         return what
 

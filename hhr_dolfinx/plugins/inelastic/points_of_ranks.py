@@ -14,7 +14,7 @@ from hhr_dolfinx.errors import ConvergenceError, class_of
 from hhr_dolfinx.group import share
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.plugins.inelastic.law import InternalVariables
-from hhr_dolfinx.plugins.inelastic.points import GaussPoints
+from hhr_dolfinx.plugins.inelastic.points import GaussPoints, Result
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 
@@ -47,9 +47,9 @@ class PointsOfRanks(GaussPoints):
         """See :class:`GaussPoints`; of different errors on the ranks all raise the same, so
         that none tries again alone.
         """
-        found = failure = None
+        value = failure = None
         try:
-            found = work()
+            value = work()
         except BaseException as error:  # after an interrupt too the other ranks would wait
             failure = error
         failures = self._comm.allgather(
@@ -57,9 +57,10 @@ class PointsOfRanks(GaussPoints):
         )
         failed = [(rank, *words) for rank, words in enumerate(failures) if words is not None]
         if not failed:
-            return found
+            return value
         rank, name, text = next(
-            (item for item in failed if item[1] != ConvergenceError.__name__), failed[0]
+            (failed_rank for failed_rank in failed if failed_rank[1] != ConvergenceError.__name__),
+            failed[0],
         )
         if failure is not None and type(failure).__name__ == name:
             raise failure
@@ -70,11 +71,16 @@ class PointsOfRanks(GaussPoints):
 
     def place(self, values: np.ndarray) -> int:
         """See :class:`GaussPoints`."""
-        place = int(values.argmax())
-        return self.worst(float(values[place]), self.points.start + place)
+        point = int(values.argmax())
+        return self.worst(float(values[point]), self.points.start + point)
 
-    def worst(self, size: float, what: object) -> Any:
-        """See :class:`GaussPoints`."""
+    def worst(self, size: float, what: Result) -> Result:
+        """See :class:`GaussPoints`.
+
+        Args:
+            size: size on this rank.
+            what: value of this rank.
+        """
         return max(self._comm.allgather((float(size), what)), key=lambda pair: pair[0])[1]
 
     def own(self, answer: Answer) -> Answer:
@@ -87,18 +93,18 @@ class PointsOfRanks(GaussPoints):
 
     def summed(self, part: np.ndarray) -> np.ndarray:
         """The sum of an array of all ranks."""
-        found = np.empty_like(part)
-        self._comm.Allreduce(part, found)
-        return found
+        total = np.empty_like(part)
+        self._comm.Allreduce(part, total)
+        return total
 
     def gathered(self, values: np.ndarray) -> np.ndarray:
         """See :class:`GaussPoints`."""
         width = values.shape[1:]
-        found = np.empty((int(self._counts.sum()), *width))
+        array = np.empty((int(self._counts.sum()), *width))
         self._comm.Allgatherv(
-            np.ascontiguousarray(values), (found, self._counts * int(np.prod(width)))
+            np.ascontiguousarray(values), (array, self._counts * int(np.prod(width)))
         )
-        return found
+        return array
 
 
 def _mapped(answer: Answer, change: Callable[[np.ndarray], np.ndarray]) -> Answer:

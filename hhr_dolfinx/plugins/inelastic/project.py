@@ -1,22 +1,17 @@
-"""Stages that inelastic bodies add to the reduction: Gauss points of the RID, tangents.
-
-The correction of forces.
-"""
+"""Stages that inelastic bodies add to the reduction: Gauss points of the RID, tangents."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy import linalg
 from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.contact.problem import IndexSets
-from hhr_dolfinx.errors import ReductionError, UnstableModelError
+from hhr_dolfinx.errors import UnstableModelError
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.plugins.inelastic.elastic_response import elastic_response
-from hhr_dolfinx.plugins.inelastic.force_correction import ForceCorrection
 from hhr_dolfinx.plugins.inelastic.full_order import FullOrderEquilibrium, equilibrium_of
 from hhr_dolfinx.plugins.inelastic.recipe import tangents_of
 from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
@@ -25,9 +20,6 @@ from hhr_dolfinx.plugins.inelastic.state import rows_of
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.reduction.build import Draft
 from hhr_dolfinx.snapshots.records import SnapshotSet
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.study.training.train import Training
 
 
 def project_points(draft: Draft) -> None:
@@ -77,19 +69,25 @@ def check_tangents(draft: Draft) -> None:
 
 
 def project_flow(full: FullOrderEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
-    """Gauss points, laws and modes, (N, ell), of the cells that act on A, (6.17)."""
+    """Gauss points, laws and modes of the cells that act on A, (6.17).
+
+    Args:
+        full: equilibrium of the full model.
+        basis: V, (N, ell).
+        sets: index sets of the RID.
+    """
     problem = full.problem
     operator = full.operator
-    inside = np.zeros(problem.free.size, dtype=bool)
-    inside[sets.A] = True
+    mask = np.zeros(problem.free.size, dtype=bool)
+    mask[sets.A] = True
     follow = problem.prolongation.map
-    inside = problem.prolongation.touched(
-        inside
+    mask = problem.prolongation.touched(
+        mask
     )  # test functions are non-zero on dofs that follow those of A, too
     # cells of the RID without such a dof act on no test function
-    cells = np.flatnonzero(inside[operator.dofs].any(axis=1))
+    cells = np.flatnonzero(mask[operator.dofs].any(axis=1))
     restricted, columns = operator.restricted(cells)
-    inner = np.flatnonzero(inside[columns])
+    inner = np.flatnonzero(mask[columns])
     acting = columns[inner]
     return ReducedFlow(
         operator=restricted,
@@ -111,23 +109,29 @@ def project_flow(full: FullOrderEquilibrium, basis: np.ndarray, sets: IndexSets)
 def training_tangents(
     full: FullOrderEquilibrium, snapshots: SnapshotSet, count: int
 ) -> list[tuple[np.ndarray, csr_matrix]]:
-    """Tangents and stiffness at some training states of each history, the last among them, with
-    their constants.
+    """Tangents and stiffness at some training states of each history, the last among them.
+
+    Args:
+        full: equilibrium of the full model.
+        snapshots: training answers.
+        count: states of each history.
     """
     states: list[tuple[Any, csr_matrix]] = []
     for history in snapshots.histories if full.material.flows else ():
-        places = np.unique(np.linspace(0, len(history.answers), count + 1).astype(int)[1:])
-        for step in places[places > 0] - 1:
-            here = history.answers[step]
+        steps = np.unique(np.linspace(0, len(history.answers), count + 1).astype(int)[1:])
+        for step in steps[steps > 0] - 1:
+            answer = history.answers[step]
             time = history.start
             state = full.material.at_rest()
             if step > 0:
                 time = history.answers[step - 1].time
                 state = gauss_of(history.answers[step - 1]).state
-            strain = full.strain(here.unknown, full.amplitudes(here.parameter))
-            material = full.material.at(here.parameter)
-            tangents: Any = material.update(strain, state, here.time - time, tangent=True).tangents
-            states.append((tangents, full.at(here.parameter).stiffness(tangents)))
+            strain = full.strain(answer.unknown, full.amplitudes(answer.parameter))
+            material = full.material.at(answer.parameter)
+            tangents: Any = material.update(
+                strain, state, answer.time - time, tangent=True
+            ).tangents
+            states.append((tangents, full.at(answer.parameter).stiffness(tangents)))
     return states
 
 
@@ -136,52 +140,23 @@ def tangent_margin(model: ReducedModel, tangents: np.ndarray, stiffness: csr_mat
 
     1 if the RID is the whole mesh.
 
-    ``tangents`` are those at all Gauss points of the full model, ``stiffness`` is its K_T.
+    Args:
+        model: hyper-reduced model.
+        tangents: consistent tangents at all Gauss points of the full model.
+        stiffness: its K_T, (N, N).
+
+    Raises:
+        UnstableModelError: if the tangent is singular on the basis.
     """
     reduced: Any = model.equilibrium
     r = reduced.problem.motions  # of bodies that contact alone holds: they have no stiffness
     basis = model.fields.basis[:, r:]
-    whole = basis.T @ (stiffness @ basis)
+    full_tangent = basis.T @ (stiffness @ basis)
     projected = reduced.tangent(tangents[reduced.points])[r:, r:]
     try:
-        return float(linalg.eigvals(np.linalg.solve(whole, projected)).real.min())
+        return float(linalg.eigvals(np.linalg.solve(full_tangent, projected)).real.min())
     except (np.linalg.LinAlgError, ValueError) as error:
         raise UnstableModelError(
             f"the tangent at a training state is singular or not finite on the basis ({error}): "
             "keep fewer modes"
         ) from error
-
-
-def force_correction(training: Training) -> ForceCorrection:
-    """Correction of forces for any model of a training: ``training.force_correction()``.
-
-    ``correction.of(history)`` has better forces of each step, and their distance from those of the
-    model, see :mod:`plugins.inelastic.force_correction`.
-
-    Raises:
-        ReductionError: for an elastic scene, and if moduli are no factors of connected components.
-    """
-    full = training.full_order
-    if full.equilibrium is None:
-        raise ReductionError(
-            f"nothing flows in scene '{full.scene.name}': estimates of its answers bound forces"
-        )
-    problem = full.problem
-    equilibrium = equilibrium_of(full)
-    problem.require_whole()
-    problem.require_no_memory("a correction of forces")
-    elastic = elastic_response(full)
-    schur, pressed, gaps = elastic.condensed(problem)
-    return ForceCorrection(
-        equilibrium.operator,
-        equilibrium.material,
-        equilibrium.eigenstrains,
-        problem.amplitudes,
-        elastic.factors,
-        elastic.parts,
-        elastic.per_force,
-        schur,
-        pressed,
-        gaps,
-        problem.contact_pairs,
-    )

@@ -33,8 +33,14 @@ from hhr_dolfinx.snapshots.records import SnapshotSet
 def nodes_of_values(
     problem: ContactProblem, fields: Sequence[np.ndarray], tolerance: float
 ) -> np.ndarray:
-    """Nodes of the cells in which DEIM picks values of fields of Gauss points, as many in each
-    cell; none of zeros.
+    """Nodes of the cells in which DEIM picks values of fields of Gauss points.
+
+    Each cell has as many values. Fields of zeros pick none.
+
+    Args:
+        problem: contact problem of the full model.
+        fields: one field of each state, (values,).
+        tolerance: part of the squared sum that the POD leaves out.
     """
     if not any(field.any() for field in fields):
         return np.zeros(0, dtype=np.int64)
@@ -50,9 +56,15 @@ class StressDeim(Truncated):
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """See :class:`Nodes`; empty for elastic bodies."""
+        """See :class:`Nodes`; empty for elastic bodies.
+
+        Args:
+            problem: contact problem of the full model.
+            snapshots: training answers.
+            basis: modes of the displacement, (N, ell).
+        """
         return nodes_of_values(
-            problem, [item.stress.ravel() for item in states_of(snapshots)], self.tolerance
+            problem, [gauss.stress.ravel() for gauss in states_of(snapshots)], self.tolerance
         )
 
 
@@ -65,9 +77,15 @@ class FlowDeim(Truncated):
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """See :class:`Nodes`; empty without plastic strain in training."""
+        """See :class:`Nodes`; empty without plastic strain in training.
+
+        Args:
+            problem: contact problem of the full model.
+            snapshots: training answers.
+            basis: modes of the displacement, (N, ell).
+        """
         return nodes_of_values(
-            problem, [item.state.cumulated for item in states_of(snapshots)], self.tolerance
+            problem, [gauss.state.cumulated for gauss in states_of(snapshots)], self.tolerance
         )
 
 
@@ -126,7 +144,7 @@ class FlowLimits(TrustLimits):
         """Limits of elastic bodies with the usual ones of the stress."""
         if isinstance(limits, FlowLimits):
             return limits
-        return cls(**{item.name: getattr(limits, item.name) for item in fields(limits)})
+        return cls(**{limit.name: getattr(limits, limit.name) for limit in fields(limits)})
 
     def judged(
         self, comparison: Comparison

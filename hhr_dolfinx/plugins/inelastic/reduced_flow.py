@@ -21,6 +21,7 @@ from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plugins.inelastic.condensed_fields import MODULI_ROUND_OFF
 from hhr_dolfinx.plugins.inelastic.equilibrium import Linearisation, texts_of
 from hhr_dolfinx.plugins.inelastic.law import Update
 from hhr_dolfinx.plugins.inelastic.linearised_step import MeshEquilibrium
@@ -34,9 +35,6 @@ from hhr_dolfinx.trained import Trained
 if TYPE_CHECKING:
     from hhr_dolfinx.models.reduced import ReducedModel
     from hhr_dolfinx.plugins.inelastic.completion import FlowFields
-
-STIFFNESS_ROUND_OFF = 1e-9
-"""Relative difference of a stiffness in the middle of the box that counts as round-off."""
 
 
 @dataclass(frozen=True)
@@ -69,17 +67,17 @@ class ReducedFlow:
         """Faults: repeated dofs of A, and cells, points or dofs that do not fit its strain."""
         operator = self.operator
         points = self.operator.weights.size
-        found = (
+        sizes_of_arrays = (
             len(self.modes),
             self.cells.size,
             self.material.gauss_points,
             self.eigenstrains.shape[0],
         )
         wanted = operator.size, len(operator.weights), points, points * operator.components
-        if found != wanted:
+        if sizes_of_arrays != wanted:
             yield (
-                f"dofs, cells, Gauss points and strains {found} are not those of its strain, "
-                f"{wanted}"
+                f"dofs, cells, Gauss points and strains {sizes_of_arrays} are not those of its "
+                f"strain, {wanted}"
             )
         if np.unique(self.inner).size < self.inner.size:
             yield "a dof of A is there twice"
@@ -96,10 +94,17 @@ class ReducedFlow:
         fields: Reconstruction,
         trained: Trained | None,
     ) -> ReducedEquilibrium:
-        """Equilibrium of gamma on all Gauss points of the RID."""
-        found = ReducedEquilibrium(problem, self, parameters, fields)
-        found.trained = trained if isinstance(trained, TrainedPaths) else None
-        return found
+        """Equilibrium of gamma on all Gauss points of the RID.
+
+        Args:
+            problem: projected problem.
+            parameters: box of the parameters.
+            fields: fields that complete answers.
+            trained: training range; None without one.
+        """
+        equilibrium = ReducedEquilibrium(problem, self, parameters, fields)
+        equilibrium.trained = trained if isinstance(trained, TrainedPaths) else None
+        return equilibrium
 
     def faults_of(self, model: ReducedModel) -> Iterator[str]:
         """Faults: parts of the stiffness that do not add up to that of the middle of the box or do
@@ -111,9 +116,9 @@ class ReducedFlow:
         names = model.parameters.names
         moduli = () if terms is None else terms.moduli
         points = (model.parameters.middle, *model.parameters.random(2, seed=1))
-        if any(item.names != names for item in moduli) or any(
+        if any(modulus.names != names for modulus in moduli) or any(
             not _alike(
-                [item.value(point) for item in moduli if item.factor != "1"],
+                [modulus.value(point) for modulus in moduli if modulus.factor != "1"],
                 self.material.weights(point),
             )
             for point in points
@@ -121,10 +126,10 @@ class ReducedFlow:
             yield "the parts of the stiffness are not those of the moduli of its bodies"
         elif terms is not None:
             middle = model.parameters.middle
-            there = np.tensordot(terms.weights(middle), terms.stiffness, 1)
+            summed = np.tensordot(terms.weights(middle), terms.stiffness, 1)
             if (
-                not np.abs(there - problem.stiffness).max()
-                <= STIFFNESS_ROUND_OFF * np.abs(problem.stiffness).max()
+                not np.abs(summed - problem.stiffness).max()
+                <= MODULI_ROUND_OFF * np.abs(problem.stiffness).max()
             ):
                 yield "the parts of the stiffness do not make that of the middle of the box"
 
@@ -132,7 +137,7 @@ class ReducedFlow:
 def _alike(found: list[float], wanted: list[float]) -> bool:
     """True for the same numbers in another order."""
     return len(found) == len(wanted) and np.allclose(
-        sorted(found), sorted(wanted), rtol=STIFFNESS_ROUND_OFF, atol=0.0
+        sorted(found), sorted(wanted), rtol=MODULI_ROUND_OFF, atol=0.0
     )
 
 
@@ -200,7 +205,12 @@ class ReducedEquilibrium(MeshEquilibrium):
         return np.array([np.sqrt(residual @ residual)])
 
     def depth(self, answer: Answer, theta: Theta) -> float:
-        """Deepest violation of a gap anywhere on the contact surface, 0 if none."""
+        """Deepest violation of a gap anywhere on the contact surface, 0 if none.
+
+        Args:
+            answer: answer of the model.
+            theta: amplitudes θ at the parameter.
+        """
         over = self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta
         if self.fields.interface is not None:  # other rows have no gap
             over = over[self.fields.interface.whole.pressing(len(over))]
@@ -217,7 +227,13 @@ class ReducedEquilibrium(MeshEquilibrium):
     def residual(
         self, x: np.ndarray, gauss: GaussState | Update, theta: Theta
     ) -> tuple[np.ndarray, np.ndarray]:
-        """V[A]^T times loads minus internal forces, and the norm of its terms on A, (1,)."""
+        """V[A]^T times loads minus internal forces, and the norm of its terms on A, (1,).
+
+        Args:
+            x: unknown, (n,).
+            gauss: stress and state at the Gauss points.
+            theta: amplitudes θ at the parameter.
+        """
         loads = self._external @ theta
         internal, size = self._internal(x, gauss.stress, theta)
         return loads - self._test @ internal, self.norms(loads) + self.norms(size)
@@ -230,7 +246,7 @@ class ReducedEquilibrium(MeshEquilibrium):
         The size of their terms.
         """
         flow = self.flow
-        internal, size = (part[flow.inner] for part in self.operator.internal(stress))
+        internal, size = (array[flow.inner] for array in self.operator.internal(stress))
         if flow.springs is not None:
             grounded = flow.springs * (self.field(x) + flow.lifts @ theta)[flow.inner]
             internal = internal + grounded
@@ -251,10 +267,10 @@ class ReducedEquilibrium(MeshEquilibrium):
         contact = self.flow.contact @ answer.multipliers
         size = np.linalg.norm(loads) + np.linalg.norm(sizes) + np.linalg.norm(contact)
         depth = self.depth(answer, theta)
-        left = float(np.linalg.norm(loads - internal - contact))
+        imbalance = float(np.linalg.norm(loads - internal - contact))
         flow: FlowFields | None = self.fields.flow
         misfit, stress = (0.0, 0.0) if flow is None else flow.unexplained(gauss_of(answer).stress)
-        return Signs(left, float(size), depth, misfit=misfit, stress=stress)
+        return Signs(imbalance, float(size), depth, misfit=misfit, stress=stress)
 
     def tangent(self, tangents: np.ndarray) -> np.ndarray:
         """Projected consistent tangent V[A]^T K_T V, (ell, ell)."""
@@ -272,20 +288,21 @@ def _dense_linearisation(
     problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray
 ) -> Linearisation:
     """Linearisation with the dense blocks K~, B~1 and B~2."""
-    given = problem.contact_trial, problem.gaps, Pairs.of(problem.pairs), moduli
+    arrays = problem.contact_trial, problem.gaps, Pairs.of(problem.pairs), moduli
     if problem.motions:
         return _with_motions(problem, stiffness, moduli)
     factor = LapackLU(stiffness)
     per_force = factor.solve(problem.contact_test.T)
     equalities = SchurEqualities.of(problem.contact_trial @ per_force, LapackLU)
-    return Linearisation(*given, factor.solve, partial(np.matmul, per_force), equalities)
+    return Linearisation(*arrays, factor.solve, partial(np.matmul, per_force), equalities)
 
 
 def _with_motions(
     problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray
 ) -> Linearisation:
-    """The same where the first modes are motions of bodies that contact alone holds, on which K~ is
-    zero.
+    """Linearisation whose first modes are motions of bodies that contact alone holds.
+
+    K~ is zero on them.
     """
     r = problem.motions
     factor = LapackLU(np.ascontiguousarray(stiffness[r:, r:]))
@@ -298,12 +315,19 @@ def _with_motions(
     equalities = SchurEqualities.of(problem.contact_trial @ per_force, LapackLU)
     effect = np.ascontiguousarray(problem.contact_trial[:, :r])
     motions = kernels().linearised(equalities, effect, np.eye(len(stiffness), r))
-    given = problem.contact_trial, problem.gaps, Pairs.of(problem.pairs), moduli
-    return Linearisation(*given, solve, partial(np.matmul, per_force), equalities, motions=motions)
+    arrays = problem.contact_trial, problem.gaps, Pairs.of(problem.pairs), moduli
+    return Linearisation(*arrays, solve, partial(np.matmul, per_force), equalities, motions=motions)
 
 
 @compiled()
-def _rows_times(indptr, indices, data, rows, dense, out):
+def _rows_times(
+    indptr: np.ndarray,
+    indices: np.ndarray,
+    data: np.ndarray,
+    rows: np.ndarray,
+    dense: np.ndarray,
+    out: np.ndarray,
+) -> None:
     """Add some rows of a sparse matrix, many of which are zero, times a dense one."""
     for r in range(rows.size):
         for position in range(indptr[rows[r]], indptr[rows[r] + 1]):

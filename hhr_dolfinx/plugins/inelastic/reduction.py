@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -48,6 +48,9 @@ from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.warn import warn
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
+
 STRESS_LEFT_OUT = 1e-9
 """Part of the squared training stresses that their modes leave out."""
 PLASTIC_STRAIN = 1e-6
@@ -71,12 +74,12 @@ class StateErrors:
         """Both errors of a history."""
         wrong = np.zeros((2, len(exact.answers)))
         sizes = np.zeros((2, len(exact.answers)))
-        for k, (here, there) in enumerate(zip(found.answers, exact.answers, strict=True)):
-            stress = there.stress()
-            plastic = there.plastic_strain()
+        for k, (answer, reference) in enumerate(zip(found.answers, exact.answers, strict=True)):
+            stress = reference.stress()
+            plastic = reference.plastic_strain()
             wrong[:, k] = (
-                np.linalg.norm(here.stress() - stress),
-                np.linalg.norm(here.plastic_strain() - plastic),
+                np.linalg.norm(answer.stress() - stress),
+                np.linalg.norm(answer.plastic_strain() - plastic),
             )
             sizes[:, k] = np.linalg.norm(stress), np.linalg.norm(plastic)
         largest = sizes.max(axis=1)
@@ -87,6 +90,10 @@ class StateErrors:
 def check_door(trained: TrainedPaths, limits: FlowLimits) -> None:
     """Warn of a model so inaccurate along known load paths that its steps hardly detect untrained
     states.
+
+    Args:
+        trained: training range of the model.
+        limits: limits of stress and strain.
     """
     if trained.estimate > limits.warn_estimate:
         warn(
@@ -100,11 +107,11 @@ def check_door(trained: TrainedPaths, limits: FlowLimits) -> None:
 
 def _onset(model: Model, path: Path) -> list[Signs]:
     """Signs along the first step of a path in small parts; empty if it does not converge."""
-    (start, here), (end, there) = path[:2]
+    (start, first), (end, second) = path[:2]
     shares = np.arange(FIRST_STEP_PARTS + 1) / FIRST_STEP_PARTS
-    parts = [(start + share * (end - start), here + share * (there - here)) for share in shares]
+    fine = [(start + share * (end - start), first + share * (second - first)) for share in shares]
     try:
-        return model.march(parts, MarchSettings(outside="ignore")).signs
+        return model.march(fine, MarchSettings(outside="ignore")).signs
     except HHRError:
         return []
 
@@ -121,17 +128,20 @@ class FittedFlow:
     @classmethod
     def of(cls, snapshots: SnapshotSet) -> FittedFlow:
         """Modes of training answers."""
-        known = states_of(snapshots)
-        if not known:
+        states = states_of(snapshots)
+        if not states:
             return cls()
-        stress = state_modes([item.stress.ravel() for item in known], STRESS_LEFT_OUT)
+        stress = state_modes([gauss.stress.ravel() for gauss in states], STRESS_LEFT_OUT)
         if not flowed(snapshots):
             return cls(stress)
-        return cls(stress, state_modes([item.state.cumulated for item in known], PLASTIC_STRAIN))
+        return cls(stress, state_modes([gauss.state.cumulated for gauss in states], PLASTIC_STRAIN))
 
-    def completion(self, flow: Any) -> FlowFields:
+    def completion(self, flow: ReducedFlow) -> FlowFields:
         """Reconstruction of stress and cumulated plastic strain from the Gauss points of the RID
         (section 6.2.3).
+
+        Raises:
+            ReductionError: if the training has no stress.
         """
         if self.stress is None:
             raise ReductionError(
@@ -178,7 +188,12 @@ class OfInelasticBodies(OfHistories):
     def condensed_from(
         self, snapshots: SnapshotSet, held_out: SnapshotSet | None
     ) -> tuple[SnapshotSet | None, SnapshotSet | None, bool | None]:
-        """Histories, with fields as settings say."""
+        """Histories for a condensed model, with fields as settings say.
+
+        Args:
+            snapshots: training answers.
+            held_out: validation answers, if any.
+        """
         return snapshots, held_out, None
 
     def skipped(self, recipe: Recipe) -> Iterator[tuple[str, str]]:
@@ -188,8 +203,16 @@ class OfInelasticBodies(OfHistories):
         yield from super().skipped(recipe)
 
     def check(self, name: str, solutions: object) -> SnapshotSet:
-        """Raise ReductionError for solutions that are no histories, or those of elastic bodies or
-        another mesh.
+        """Check solutions of inelastic bodies.
+
+        Args:
+            name: name of the answers, for messages.
+            solutions: answers as a user gives them.
+
+        Raises:
+            NotOfferedError: for shapes that are parameters.
+            ReductionError: for solutions that are no histories, or those of elastic bodies or
+                another mesh.
         """
         problem = self.full.problem
         self.contacts.require_completion()
@@ -198,24 +221,29 @@ class OfInelasticBodies(OfHistories):
                 "hyper-reduction is not built in for bodies with laws whose shape depends on "
                 "parameters: weights of points and strains of modes change with the shape"
             )
-        known = check_of_problem(name, solutions, problem)
-        if not known.histories:
+        histories = check_of_problem(name, solutions, problem)
+        if not histories.histories:
             raise ReductionError(
                 f"{name} of a scene whose bodies flow must be histories: SnapshotSet.of_histories"
             )
-        if not known.states:
+        if not histories.states:
             raise ReductionError(
                 f"bodies of the model flow, and none of {name} do: they belong to another scene"
             )
         size = equilibrium_of(self.full).material.gauss_points
-        if (given := len(states_of(known)[0].state.cumulated)) != size:
+        if (count := len(states_of(histories)[0].state.cumulated)) != size:
             raise ReductionError(
-                f"{name} have {given} Gauss points, the model {size}: they belong to another mesh"
+                f"{name} have {count} Gauss points, the model {size}: they belong to another mesh"
             )
-        return known
+        return histories
 
     def warn_of_training(self, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> None:
-        """Warn of histories without contact or plastic strain, and without validation."""
+        """Warn of histories without contact or plastic strain, and without validation.
+
+        Args:
+            snapshots: training answers.
+            held_out: validation answers, if any.
+        """
         warn_of_no_contact(self.full.problem, snapshots)
         material = equilibrium_of(self.full).material
         if material.flows and not material.linear and not flowed(snapshots):
@@ -228,7 +256,12 @@ class OfInelasticBodies(OfHistories):
         warn_of_few_held_out(held_out, 0, "a history")
 
     def starts(self, snapshots: SnapshotSet, conditions: np.ndarray) -> None:
-        """None: a step starts from the one before."""
+        """Starts of steps: none, as a step starts from the one before.
+
+        Args:
+            snapshots: training answers.
+            conditions: conditions of the model.
+        """
 
     def range_of(self, snapshots: SnapshotSet) -> None:
         """None before the check, which solves the known paths."""
@@ -245,6 +278,13 @@ class OfInelasticBodies(OfHistories):
 
         None without limits, or without any path.
 
+        Args:
+            model: model to check.
+            snapshots: training answers.
+            held_out: validation answers, if any.
+            limits: limits of stress and strain; None leaves out the comparison.
+            remedy: advice for errors beyond the limits.
+
         Raises:
             UnstableModelError: for errors beyond the limits.
 
@@ -254,9 +294,9 @@ class OfInelasticBodies(OfHistories):
         """
         full = self.full
         warn_of_softening(full, snapshots)
-        own = None if limits is None else FlowLimits.of(limits)
+        flow_limits = None if limits is None else FlowLimits.of(limits)
         comparison, shown = compared_histories(
-            full, model, snapshots, held_out, own, remedy, StateErrors()
+            full, model, snapshots, held_out, flow_limits, remedy, StateErrors()
         )
         # validation paths are not training: their errors would widen the training range to similar
         # ones
@@ -268,12 +308,12 @@ class OfInelasticBodies(OfHistories):
         gaps = problem.amplitudes.sum_columns(problem.gaps, snapshots.points)
         motion = problem.contact_rows_times(snapshots.displacements)
         largest = max(float(np.abs(gaps).max()), float(np.abs(motion).max()))
-        known = Known(signs, [_onset(model, path) for path in paths], largest)
+        indicators = Known(signs, [_onset(model, path) for path in paths], largest)
         trained = TrainedPaths.of(
-            paths, full.parameters, known, equilibrium_of(full).material.rated
+            paths, full.parameters, indicators, equilibrium_of(full).material.rated
         )
-        if own is not None:
-            check_door(trained, own)
+        if flow_limits is not None:
+            check_door(trained, flow_limits)
         return comparison, trained
 
     def residuals(self, answer: Answer) -> Residuals:
@@ -287,9 +327,9 @@ class OfInelasticBodies(OfHistories):
         equilibrium = equilibrium_of(self.full)
         theta = problem.amplitudes(answer.parameter)
         forces = answer.forces()
-        given = GaussState(answer.stress(), state(answer).state)
-        left, sizes = equilibrium.residual(answer.unknown, given, theta)
-        residual = (left - equilibrium.contact_load(forces)) * problem.free
+        gauss = GaussState(answer.stress(), state(answer).state)
+        unbalanced, sizes = equilibrium.residual(answer.unknown, gauss, theta)
+        residual = (unbalanced - equilibrium.contact_load(forces)) * problem.free
         imbalance = float(np.linalg.norm(residual) / (np.linalg.norm(sizes) or 1.0))
         homogeneous = answer.displacement() - problem.lifts @ theta
         opened = problem.law.opened(answer.memory)

@@ -26,11 +26,14 @@ class SmallStrains:
         self._said = False
 
     def check(self, strain: np.ndarray, together: GaussPoints = ALL_HERE) -> None:
-        """Warn once of large strains, (points, components).
+        """Warn once of large strains.
 
-        Diverged if they are too large for the theory.
+        Args:
+            strain: strain, (points, components).
+            together: reductions over the points of all ranks.
 
-        ``together`` reduces over the points of all ranks.
+        Raises:
+            Diverged: if they are too large for the theory.
         """
         largest = together.largest(np.abs(strain).max(initial=0.0))
         if largest <= LARGE_STRAIN:

@@ -31,11 +31,15 @@ def warn_of_softening(full: FullModel, snapshots: Solutions) -> None:
     Tangents that are not symmetric, as of flow that is not associated, have negative eigenvalues
     without softening.
 
+    Args:
+        full: full model of inelastic bodies.
+        snapshots: training histories.
+
     Warns:
         StabilityWarning: with the law, the point of the parameters and the time.
     """
     least = -SOFTENS
-    said = ""
+    message = ""
     material = equilibrium_of(full).material
     for history in snapshots.histories:
         for before, answer in pairwise(history.answers):
@@ -46,15 +50,15 @@ def warn_of_softening(full: FullModel, snapshots: Solutions) -> None:
                     values = ", ".join(f"{name} = {x:.4g}" for name, x in named)
                     law = "" if group.law is None else group.law.name
                     least = value
-                    said = (
+                    message = (
                         f"{law} softens in training at t = {answer.time:.4g} s, {values}: at "
                         f"{points} Gauss points"
                     )
-    if said:
+    if message:
         warn(
-            f"{said} its stress falls as strain grows, by up to {-least:.2g} of E. Answers depend "
-            "on the mesh, and there may be several: leave softening out of the law, or train at "
-            "smaller loads",
+            f"{message} its stress falls as strain grows, by up to {-least:.2g} of E. Answers "
+            "depend on the mesh, and there may be several: leave softening out of the law, or "
+            "train at smaller loads",
             StabilityWarning,
         )
 
@@ -70,24 +74,24 @@ def _least(material: Material, group: Group, before: Answer, answer: Answer) -> 
     if group.law is None or not points.size:
         return 0.0, 0
     # before it has numbers: constants that vary in space are those of these points
-    part = material.restricted(points).at(answer.parameter)
-    given = part.given[0]
-    strain = given.strain(stress[points]) + new.inelastic[points]
+    local = material.restricted(points).at(answer.parameter)
+    numbers = local.given[0]
+    strain = numbers.strain(stress[points]) + new.inelastic[points]
     try:
-        found = part.update(
+        update = local.update(
             strain,
-            InternalVariables(*(item[points] for item in old)),
+            InternalVariables(*(variable[points] for variable in old)),
             answer.time - before.time,
             tangent=True,
         )
     except ConvergenceError:  # the step was solved in parts
         return 0.0, 0
-    tangents = np.asarray(found.tangents)
-    size = np.abs(given.elastic).max()
+    tangents = np.asarray(update.tangents)
+    size = np.abs(numbers.elastic).max()
     symmetric = (
         np.abs(tangents - tangents.swapaxes(1, 2)).max(axis=(1, 2)) <= SYMMETRIC_TANGENTS * size
     )
     if not symmetric.any():
         return 0.0, 0
-    values = np.linalg.eigvalsh(tangents[symmetric]).min(axis=1) / given.constants[0].max()
+    values = np.linalg.eigvalsh(tangents[symmetric]).min(axis=1) / numbers.constants[0].max()
     return float(values.min()), int((values < -SOFTENS).sum())

@@ -35,8 +35,8 @@ def state(answer: Answer) -> GaussState:
         raise HHRError(
             "nothing flows in this model, so that its answers have no state: give a body a law"
         )
-    found: GaussState = answer.memory["gauss"]
-    return found
+    gauss: GaussState = answer.memory["gauss"]
+    return gauss
 
 
 def plastic_strain(answer: Answer) -> np.ndarray:
@@ -48,8 +48,8 @@ def plastic_strain(answer: Answer) -> np.ndarray:
         return np.zeros(0)
     fields: Any = answer.fields
     completion = fields.equilibrium if fields.exact else fields.flow
-    found: np.ndarray = completion.plastic_strain(answer)
-    return found
+    field: np.ndarray = completion.plastic_strain(answer)
+    return field
 
 
 def states_of(answers: Solutions) -> list[GaussState]:
@@ -59,7 +59,7 @@ def states_of(answers: Solutions) -> list[GaussState]:
 
 def flowed(answers: Solutions) -> bool:
     """True if any of some known answers has inelastic strain."""
-    return any(known.state.inelastic.any() for known in states_of(answers))
+    return any(gauss.state.inelastic.any() for gauss in states_of(answers))
 
 
 def check_answer(answer: Answer) -> None:
@@ -70,15 +70,20 @@ def check_answer(answer: Answer) -> None:
 
 
 def rows_of(points: np.ndarray, components: int) -> np.ndarray:
-    """Rows of some Gauss points in an array with a row for each component at each point."""
+    """Rows of some Gauss points in an array with a row for each component at each point.
+
+    Args:
+        points: numbers of the points, (n,).
+        components: components at each point.
+    """
     return (points[:, None] * components + np.arange(components)).ravel()
 
 
 def deviator(strain: np.ndarray) -> np.ndarray:
     """Deviators of tensors in Kelvin's notation, (n, c, ...)."""
-    found = strain.copy()
-    found[:, :3] -= found[:, :3].mean(axis=1, keepdims=True)
-    return found
+    deviators = strain.copy()
+    deviators[:, :3] -= deviators[:, :3].mean(axis=1, keepdims=True)
+    return deviators
 
 
 SMALL_STATE = 1e-3
@@ -105,17 +110,17 @@ def state_modes(fields: Sequence[np.ndarray], tolerance: float) -> np.ndarray:
     if not sizes.any():  # as of bodies that only heat strains
         return np.zeros((fields[0].size, 1))
     scale = 1 / np.maximum(sizes, SMALL_STATE * sizes.max())
-    parts = [
+    spans = [
         slice(start, start + STACKED_VALUES) for start in range(0, fields[0].size, STACKED_VALUES)
     ]
 
-    def stacked(part: slice) -> np.ndarray:
-        return np.stack([field[part] for field in fields]) * scale[:, None]
+    def stacked(span: slice) -> np.ndarray:
+        return np.stack([field[span] for field in fields]) * scale[:, None]
 
-    squares, ways = linalg.eigh(sum(block @ block.T for block in map(stacked, parts)))
+    squares, ways = linalg.eigh(sum(block @ block.T for block in map(stacked, spans)))
     squares = np.maximum(squares[::-1], 0.0)
     ways = ways[:, ::-1]
-    rest = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
-    count = max(int(np.argmax(rest < max(tolerance, 1e-14) * rest[0])), 1)
+    left_out = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
+    count = max(int(np.argmax(left_out < max(tolerance, 1e-14) * left_out[0])), 1)
     chosen = ways[:, :count] / np.sqrt(squares[:count])
-    return np.concatenate([stacked(part).T @ chosen for part in parts])
+    return np.concatenate([stacked(span).T @ chosen for span in spans])

@@ -42,16 +42,16 @@ class StoredGauss:
         }
         self._behaviours: dict[tuple, str] = {}
 
-    def fingerprint(self) -> list[Any]:
+    def fingerprint(self) -> list[object]:
         """Points, elasticity and behaviour of each body, and eigenstrains."""
         groups = self._equilibrium.material.groups
-        given = (
+        of_groups = (
             (group.indices, group.young, group.poisson, group.places, _identity(group))
             for group in groups
         )
-        parts = [part for item in given for part in item]
-        parts += [group.grading for group in groups if group.grading.size]
-        return parts + (
+        entries = [value for values in of_groups for value in values]
+        entries += [group.grading for group in groups if group.grading.size]
+        return entries + (
             [self._equilibrium.eigenstrains] if self._equilibrium.eigenstrains.nnz else []
         )
 
@@ -61,14 +61,14 @@ class StoredGauss:
         """
         material = self._equilibrium.material
         digests = []
-        for place, constants in enumerate(material.constants(point)):
+        for body, constants in enumerate(material.constants(point)):
             if constants:
-                key = place, *(np.asarray(value).tobytes() for value in constants.values())
+                key = body, *(np.asarray(value).tobytes() for value in constants.values())
                 if key not in self._behaviours:
                     digest = hashlib.sha256()
                     add_to(
                         digest,
-                        [list(constants.values()), *_identity(material.at(point).groups[place])],
+                        [list(constants.values()), *_identity(material.at(point).groups[body])],
                     )
                     self._behaviours[key] = digest.hexdigest()
                 digests.append(self._behaviours[key])
@@ -79,18 +79,23 @@ class StoredGauss:
         gauss = state(answer)
         return {"stress": gauss.stress, **gauss.state._asdict()}
 
-    def memory(self, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    def memory(self, arrays: Mapping[str, np.ndarray]) -> dict[str, GaussState]:
         """Stress and state."""
-        rest = self._equilibrium.material.at_rest()
-        known = rest._replace(**{name: arrays[name] for name in rest._fields})
-        return {"gauss": GaussState(arrays["stress"], known)}
+        unloaded = self._equilibrium.material.at_rest()
+        variables = unloaded._replace(**{name: arrays[name] for name in unloaded._fields})
+        return {"gauss": GaussState(arrays["stress"], variables)}
 
     def residual(self, answer: Answer, forces: float) -> float:
-        """Residual of the stress, and of the slack."""
-        there = self._on_shape(answer)
-        problem = there.problem
+        """Residual of the stress, and of the slack.
+
+        Args:
+            answer: stored answer.
+            forces: largest norm of forces, a scale.
+        """
+        equilibrium = self._on_shape(answer)
+        problem = equilibrium.problem
         theta = problem.amplitudes(answer.parameter)
-        signs = there.signs(answer)
+        signs = equilibrium.signs(answer)
         _, pull = slack_residuals(problem, answer.unknown, answer.multipliers, theta)
         return max(pull, signs.imbalance / (max(signs.size, forces) or 1.0))
 
@@ -102,8 +107,8 @@ class StoredGauss:
         """The equilibrium on the shape of an answer, the only one of which an unknown and a stress
         are on it.
         """
-        known = self._equilibrium
-        return known if known.shape is None else known.at(answer.parameter)
+        equilibrium = self._equilibrium
+        return equilibrium if equilibrium.shape is None else equilibrium.at(answer.parameter)
 
     def is_large(self, answer: Answer) -> bool:
         """True if files of this size are mapped."""

@@ -59,14 +59,14 @@ class StrainOperator:
         dofs.
         """
         columns, dofs = np.unique(self.dofs[cells], return_inverse=True)
-        part = replace(
+        operator = replace(
             self,
             gradients=np.ascontiguousarray(self.gradients[cells]),
             weights=self.weights[cells],
             dofs=dofs.reshape(len(cells), -1),
             size=columns.size,
         )
-        return part, columns
+        return operator, columns
 
     def strain(self, field: np.ndarray) -> np.ndarray:
         """Strain of a field (size,) at all Gauss points, (gauss_points, components)."""
@@ -100,11 +100,14 @@ class StrainOperator:
     def stiffness(
         self, tangents: np.ndarray, pattern: SparsePattern, elastic: ElasticPart | None = None
     ) -> csr_matrix:
-        """Stiffness ∫ ε(v) : H : ε(u) of tangents H (gauss_points, components, components), (size,
-        size).
+        """Stiffness ∫ ε(v) : H : ε(u) of tangents H, (size, size).
 
-        With the tangents and the data of an elastic part, cells whose tangents are elastic cost
-        nothing.
+        With an elastic part, cells whose tangents are elastic cost nothing.
+
+        Args:
+            tangents: H at the Gauss points, (gauss_points, components, components).
+            pattern: sparsity of the stiffness.
+            elastic: elastic tangents and the data of their stiffness; None for none.
         """
         if elastic is None:
             data = np.zeros(pattern.indices.size)
@@ -137,7 +140,7 @@ class SparsePattern:
 
 
 @compiled(fastmath=True)
-def _strain(gradients, dofs, field, out):
+def _strain(gradients: np.ndarray, dofs: np.ndarray, field: np.ndarray, out: np.ndarray) -> None:
     cells, per_cell, components, d = gradients.shape
     local = np.empty(d)
     for cell in range(cells):
@@ -152,7 +155,14 @@ def _strain(gradients, dofs, field, out):
 
 
 @compiled(fastmath=True)
-def _internal(gradients, weights, dofs, stress, out, size):
+def _internal(
+    gradients: np.ndarray,
+    weights: np.ndarray,
+    dofs: np.ndarray,
+    stress: np.ndarray,
+    out: np.ndarray,
+    size: np.ndarray,
+) -> None:
     cells, per_cell, components, d = gradients.shape
     local = np.empty(d)
     for cell in range(cells):
@@ -168,7 +178,14 @@ def _internal(gradients, weights, dofs, stress, out, size):
 
 
 @compiled(fastmath=True)
-def _stiffness(gradients, weights, tangents, reference, position, data):
+def _stiffness(
+    gradients: np.ndarray,
+    weights: np.ndarray,
+    tangents: np.ndarray,
+    reference: np.ndarray,
+    position: np.ndarray,
+    data: np.ndarray,
+) -> None:
     """Add the stiffness of ``tangents - reference``; points with equal tangents are skipped."""
     cells, per_cell, components, d = gradients.shape
     flux = np.empty((components, d))

@@ -39,7 +39,7 @@ from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
-    from hhr_dolfinx.plugins.studies.settings import View
+    from hhr_dolfinx.plugins.studies.settings import StudySettings, View
 
 
 class Run(NamedTuple):
@@ -53,7 +53,13 @@ class Run(NamedTuple):
 
     @classmethod
     def of(cls, model: Model, path: HistoryPath, settings: MarchSettings) -> Run:
-        """A history, timed once."""
+        """A history, timed once.
+
+        Args:
+            model: small model.
+            path: load path.
+            settings: settings of the history.
+        """
 
         def march() -> History | HHRError:
             try:
@@ -61,27 +67,34 @@ class Run(NamedTuple):
             except HHRError as error:
                 return error
 
-        found, seconds = timed(march)
-        return cls(None, seconds, found) if isinstance(found, HHRError) else cls(found, seconds)
+        outcome, seconds = timed(march)
+        return (
+            cls(None, seconds, outcome) if isinstance(outcome, HHRError) else cls(outcome, seconds)
+        )
 
 
 def runs_beside(
-    models: Mapping[str, Model], path: HistoryPath, settings: Any, exact: History
+    models: Mapping[str, Model], path: HistoryPath, settings: StudySettings, exact: History
 ) -> dict[str, Run]:
-    """Histories of several models, by name, compared with a full one: all once, then all again, in
-    turns.
+    """Histories of several models, by name: all once, then all again, in turns.
 
     They are timed as a user runs them, and answered in the parts of the steps of the full one: with
     a time tolerance each model has different parts, whose time errors would count as model errors.
+
+    Args:
+        models: models by name.
+        path: load path.
+        settings: settings of the study.
+        exact: history of the full model.
     """
     march = settings.march
-    every = [
+    rounds = [
         {name: Run.of(model, path, march) for name, model in models.items()}
         for _ in range(settings.repetitions)
     ]
     runs = {
-        name: every[0][name]._replace(
-            seconds=float(np.median([turn[name].seconds for turn in every]))
+        name: rounds[0][name]._replace(
+            seconds=float(np.median([turn[name].seconds for turn in rounds]))
         )
         for name in models
     }
@@ -100,7 +113,13 @@ def runs_beside(
 def run_in_full(full: FullOrderModel, path: HistoryPath, ways: Sequence[MarchSettings]) -> Run:
     """A full history by the first of some settings that solves it.
 
-    ConvergenceError of the last one.
+    Args:
+        full: full model of inelastic bodies.
+        path: load path.
+        ways: settings, in the order of their trial.
+
+    Raises:
+        ConvergenceError: that of the last settings, if none does.
     """
     for settings in ways:
         run = Run.of(full, path, settings)
@@ -113,11 +132,18 @@ def run_in_full(full: FullOrderModel, path: HistoryPath, ways: Sequence[MarchSet
 def timed_searches(
     full: FullOrderModel, path: HistoryPath, march: MarchSettings
 ) -> tuple[list[MarchSettings], dict[str, float], list[dict[str, str]]]:
-    """Settings for full histories, the fastest search operator first; seconds of each on a path.
+    """Settings for full histories, the fastest search operator first, with the seconds of each.
 
-    Those that failed.
+    Args:
+        full: full model of inelastic bodies.
+        path: load path.
+        march: settings of the study.
 
-    ConvergenceError if none converges.
+    Returns:
+        Settings, seconds by search operator, and searches that failed.
+
+    Raises:
+        ConvergenceError: if none converges.
     """
     ways = {
         search: march if search == march.search else replace(march, search=search, iterations=200)
@@ -142,37 +168,50 @@ def history_errors(
     """Relative errors at the last step as in thesis table 6.1, and the largest ones of the history.
 
     ``resultant`` is the error of the sum of all contact forces at the last step over the largest
-    sum in the history. Errors in the RID are those of a model with one; below the force norm
-    ``floor`` a relative error has no meaning.
+    sum in the history. Errors in the RID are those of a model with one.
+
+    Args:
+        full: full model.
+        model: small model.
+        history: history of the model.
+        exact: history of the full model.
+        floor: force norm below which a relative error has no meaning.
     """
-    here = history.answers[-1]
-    there = exact.answers[-1]
-    found, known = ((answer.displacement(), answer.forces()) for answer in (here, there))
-    theta = full.problem.amplitudes(there.parameter)
-    errors = answer_errors(full.problem, found, known, theta, floor, conditions_inside(model))
-    stress = there.stress()
-    flowed = there.plastic_strain()
+    last = history.answers[-1]
+    reference = exact.answers[-1]
+    answered, expected = ((answer.displacement(), answer.forces()) for answer in (last, reference))
+    theta = full.problem.amplitudes(reference.parameter)
+    errors = answer_errors(full.problem, answered, expected, theta, floor, conditions_inside(model))
+    stress = reference.stress()
+    flowed = reference.plastic_strain()
     if (
         isinstance(model, ReducedModel)
         and isinstance(model.flow, ReducedFlow)
-        and "gauss" in here.memory
+        and "gauss" in last.memory
     ):
-        inside = model.flow.points
-        errors["stress_rr"] = relative_error(here.gauss.stress[:, 0], stress[inside, 0])
-        errors["plastic_strain"] = relative_error(here.gauss.state.cumulated, flowed[inside])
-    errors["plastic_strain_everywhere"] = relative_error(here.plastic_strain(), flowed)
-    errors["stress_rr_everywhere"] = relative_error(here.stress()[:, 0], stress[:, 0])
+        points = model.flow.points
+        errors["stress_rr"] = relative_error(last.gauss.stress[:, 0], stress[points, 0])
+        errors["plastic_strain"] = relative_error(last.gauss.state.cumulated, flowed[points])
+    errors["plastic_strain_everywhere"] = relative_error(last.plastic_strain(), flowed)
+    errors["stress_rr_everywhere"] = relative_error(last.stress()[:, 0], stress[:, 0])
     largest = max(float(np.abs(answer.forces().sum())) for answer in exact.answers)
-    wrong = float(np.abs(found[1].sum() - known[1].sum()))
+    wrong = float(np.abs(answered[1].sum() - expected[1].sum()))
     errors["resultant"] = wrong / max(largest, floor) if wrong > 0 else 0.0
     errors["largest_displacement"], errors["largest_forces"] = largest_errors(
         full, history, exact, floor
     )
-    return {**errors, "kkt": asdict(kind_of(full).residuals(here))}
+    return {**errors, "kkt": asdict(kind_of(full).residuals(last))}
 
 
 def row_of_runs(method: str, setting: str, runs: Sequence[Run], errors: Sequence[Report]) -> Row:
-    """Row of a method, from its histories and the errors of each."""
+    """Row of a method, from its histories and the errors of each.
+
+    Args:
+        method: name of the method.
+        setting: its setting, in words.
+        runs: its histories.
+        errors: errors of each.
+    """
     values = {name: np.array([row[name] for row in errors]) for name in errors[0] if name != "kkt"}
     residuals = [row["kkt"] for row in errors if row["kkt"]]
     kkt = {name: max(row[name] for row in residuals) for name in residuals[0]} if residuals else {}
@@ -204,13 +243,23 @@ class Measured:
         exact: list[History],
         floor: float,
     ) -> Measured:
-        """Compare histories of a model, with its method and setting, with those of the full one.
+        """Compare histories of a model with those of the full one.
 
         Without any it raises the error that ended the first one.
+
+        Args:
+            name: method and setting of the model.
+            full: full model.
+            model: small model.
+            runs: its histories.
+            exact: histories of the full model along the same paths.
+            floor: force norm below which a relative error has no meaning.
         """
         rows = [
-            None if run.history is None else history_errors(full, model, run.history, known, floor)
-            for run, known in zip(runs, exact, strict=True)
+            None
+            if run.history is None
+            else history_errors(full, model, run.history, reference, floor)
+            for run, reference in zip(runs, exact, strict=True)
         ]
         answered = next((row for row in rows if row is not None), None)
         if answered is None:
@@ -232,7 +281,12 @@ class Measured:
 def seconds_of_parts(
     full_or_reduced: FullOrderModel | ReducedModel, history: History
 ) -> dict[str, float]:
-    """Seconds of each part of an iteration in the last step of a history, and of a new tangent."""
+    """Seconds of each part of an iteration in the last step of a history, and of a new tangent.
+
+    Args:
+        full_or_reduced: full or hyper-reduced model.
+        history: its history.
+    """
     model: Any = full_or_reduced.equilibrium
     (before, _), (time, _), answer = *history.path[-2:], history.answers[-1]
     theta = model.amplitudes(answer.parameter)
@@ -243,14 +297,14 @@ def seconds_of_parts(
     update = material.update(strain, gauss.state, step, tangent=True)
     residual, _ = model.residual(answer.unknown, update, theta)
     operator = model.at(answer.parameter).linearised(update.tangents)
-    parts = {
+    calls = {
         "strain": lambda: model.strain(answer.unknown, theta),
         "laws": lambda: material.update(strain, gauss.state, step, tangent=False),
         "residual": lambda: model.residual(answer.unknown, update, theta),
         "tangent": lambda: model.at(answer.parameter).linearised(update.tangents),
         "contact": lambda: operator.correct(residual, answer.unknown, theta, answer.active),
     }
-    return {name: timed(part, 20)[1] for name, part in parts.items()}
+    return {name: timed(call, 20)[1] for name, call in calls.items()}
 
 
 class _Method(NamedTuple):
@@ -280,7 +334,10 @@ STUDY_METHODS = {
 
 @told_once()
 def measure_histories(
-    training: Training, settings: Any, tests: Mapping[Any, HistoryPath], progress: Progress
+    training: Training,
+    settings: StudySettings,
+    tests: Mapping[str, HistoryPath],
+    progress: Progress,
 ) -> tuple[ReducedModel | CondensedFlowModel, Measurement]:
     """The model under study, and errors and times of both kinds of small models compared with the
     full model.
@@ -288,6 +345,12 @@ def measure_histories(
     Under study is the hyper-reduced model, or the condensed inelastic one if that is refused. A
     path that one of them does not solve counts with infinite errors and the time that it took. The
     full model is no more accurate than its time steps, which is reported without a warning.
+
+    Args:
+        training: full model with training answers.
+        settings: settings of the study.
+        tests: test paths by label.
+        progress: shows the progress over the paths.
 
     Raises:
         ReductionError, UnstableModelError: if both are refused.
@@ -301,13 +364,15 @@ def measure_histories(
     models, refused = _built(training, settings)
     floor = force_floor(full.problem, training.snapshots)
     ways, searches, skipped = timed_searches(full, next(iter(tests.values())), settings.march)
-    tests, exact, found = _runs(full, models, tests, ways, settings, progress)
-    known = [run.history for run in exact if run.history is not None]
+    tests, exact, runs_by_name = _runs(full, models, tests, ways, settings, progress)
+    references = [run.history for run in exact if run.history is not None]
 
     def beside(method: str, setting: str, other: Model) -> Row:
-        pairs = zip(tests.values(), known, strict=True)
-        runs = [runs_beside({"": other}, path, settings, there)[""] for path, there in pairs]
-        return Measured.of((method, setting), full, other, runs, known, floor).row
+        pairs = zip(tests.values(), references, strict=True)
+        runs = [
+            runs_beside({"": other}, path, settings, reference)[""] for path, reference in pairs
+        ]
+        return Measured.of((method, setting), full, other, runs, references, floor).row
 
     measured = {}
     for name, model in models.items():
@@ -318,50 +383,54 @@ def measure_histories(
                 if name == "HHR"
                 else f"{facts.modes} modes, {facts.points} points"
             )
-            measured[name] = Measured.of((name, setting), full, model, found[name], known, floor)
+            measured[name] = Measured.of(
+                (name, setting), full, model, runs_by_name[name], references, floor
+            )
         except HHRError as error:
             refused[name] = error
     if not measured:
         raise next(iter(refused.values()))
-    name, own = next(iter(measured.items()))
-    nothing: Report = dict.fromkeys(own.row.errors.values, 0.0) | {"kkt": {}}
+    name, studied = next(iter(measured.items()))
+    nothing: Report = dict.fromkeys(studied.row.errors.values, 0.0) | {"kkt": {}}
     best = row_of_runs("fom_best", ways[0].search, exact, [nothing] * len(exact))
     drawn = [
-        (there, run.history)
-        for there, run in zip(known, own.runs, strict=True)
+        (reference, run.history)
+        for reference, run in zip(references, studied.runs, strict=True)
         if run.history is not None
     ][-1]
-    report = _report(measured, refused, best, searches, list(tests), known)
+    report = _report(measured, refused, best, searches, list(tests), references)
     if name == "HHR":
-        parts = {
+        seconds = {
             "fom": seconds_of_parts(full, drawn[0]),
-            "online": seconds_of_parts(own.model, drawn[1]),
+            "online": seconds_of_parts(studied.model, drawn[1]),
         }
-        report["times"]["parts"] = parts
-        report["ratios"]["laws"] = parts["fom"]["laws"] / parts["online"]["laws"]
+        report["times"]["parts"] = seconds
+        report["ratios"]["laws"] = seconds["fom"]["laws"] / seconds["online"]["laws"]
     skipped += [{"stage": method, "why": str(error)} for method, error in refused.items()]
-    others = [*(item.row for item in measured.values() if item is not own), best]
+    baselines = [*(entry.row for entry in measured.values() if entry is not studied), best]
     rows = [
-        {"method": name, "setting": STUDY_METHODS[name].setting, "refused": str(why)}
-        for name, why in refused.items()
+        {"method": name, "setting": STUDY_METHODS[name].setting, "refused": str(reason)}
+        for name, reason in refused.items()
     ]
-    by_key = {STUDY_METHODS[method].key: item.model for method, item in measured.items()}
-    return own.model, Measurement(own.row, others, beside, report, skipped, drawn, rows, by_key)
+    by_key = {STUDY_METHODS[method].key: entry.model for method, entry in measured.items()}
+    return studied.model, Measurement(
+        studied.row, baselines, beside, report, skipped, drawn, rows, by_key
+    )
 
 
 def _runs(
     full: FullOrderModel,
     models: Mapping[str, Any],
-    tests: Mapping[Any, HistoryPath],
+    tests: Mapping[str, HistoryPath],
     ways: Any,
-    settings: Any,
+    settings: StudySettings,
     progress: Progress,
-) -> tuple[dict[Any, HistoryPath], list[Run], dict[str, list[Run]]]:
+) -> tuple[dict[str, HistoryPath], list[Run], dict[str, list[Run]]]:
     """Paths that the full model solves, by label, and histories along them: of the full model, and
     of each model.
     """
     exact: list[Run] = []
-    found: dict[str, list[Run]] = {name: [] for name in models}
+    runs_by_name: dict[str, list[Run]] = {name: [] for name in models}
     lost = Lost()
     solved = {}
     for label, path in progress("tests")(list(tests.items())):
@@ -370,15 +439,15 @@ def _runs(
             solved[label] = path
         if label not in solved:
             continue
-        there = exact[-1].history
-        assert there is not None
-        for name, run in runs_beside(models, path, settings, there).items():
-            found[name].append(run)
+        reference = exact[-1].history
+        assert reference is not None
+        for name, run in runs_beside(models, path, settings, reference).items():
+            runs_by_name[name].append(run)
     lost.warn(len(tests), 1, "test paths")
-    return solved, exact, found
+    return solved, exact, runs_by_name
 
 
-def _built(training: Training, settings: Any) -> tuple[Report, dict[str, HHRError]]:
+def _built(training: Training, settings: StudySettings) -> tuple[Report, dict[str, HHRError]]:
     """Small models by method, HHR first, and the errors of refused ones."""
     makers: dict[str, Callable[[], Any]] = {
         "HHR": partial(training.build, settings.recipe),
@@ -401,35 +470,42 @@ def _report(
     refused: dict[str, HHRError],
     best: Row,
     searches: dict[str, float],
-    labels: list[Any],
+    labels: list[str],
     exact: list[History],
 ) -> Report:
     """Parts of a report for histories only."""
     makers: Any = {"condensed": condensed_report, "HHR": model_report}
     models: Report = {}
-    seconds = {name: item.row.seconds for name, item in measured.items()}
+    seconds = {name: entry.row.seconds for name, entry in measured.items()}
     times: Report = {"fom_best": summary(best.seconds), "fom_searches": searches}
     for name in reversed(STUDY_METHODS):
         times[STUDY_METHODS[name].times] = summary(seconds[name]) if name in seconds else None
     slow = np.median(best.seconds)
     ratios: Report = {}
     for name, method in STUDY_METHODS.items():
-        item = measured.get(name)
+        entry = measured.get(name)
         models[method.key] = (
-            {"refused": str(refused[name])} if item is None else makers[name](item.model, item.row)
+            {"refused": str(refused[name])}
+            if entry is None
+            else makers[name](entry.model, entry.row)
         )
         ratios[f"fom_best/{method.times}"] = (
             float(slow / np.median(seconds[name])) if name in seconds else None
         )
     if "condensed" in measured:
         times["offline_condensed"] = dict(measured["condensed"].model.offline.log.times)
-    own = next(iter(measured.values()))
-    errors = [time_error_of(history, own.model) for history in exact]
+    studied = next(iter(measured.values()))
+    errors = [time_error_of(history, studied.model) for history in exact]
     rows: list[Report] = []
-    for k, (label, known) in enumerate(zip(labels, exact, strict=True)):
-        steps = {"parts": sum(known.parts), "time_error": errors[k]}
+    for k, (label, reference) in enumerate(zip(labels, exact, strict=True)):
+        steps = {"parts": sum(reference.parts), "time_error": errors[k]}
         rows.append(
-            {"value": label, **own.history(k), "full_iterations": known.iterations, "full": steps}
+            {
+                "value": label,
+                **studied.history(k),
+                "full_iterations": reference.iterations,
+                "full": steps,
+            }
         )
         if "condensed" in measured:
             rows[k]["condensed"] = measured["condensed"].history(k)
@@ -446,6 +522,10 @@ def time_error_of(exact: History, model: Model) -> float:
     """Largest time error of a full history.
 
     Without a tolerance, by a small model in the same steps, which is cheap.
+
+    Args:
+        exact: history of the full model.
+        model: small model, for a history without a tolerance.
     """
     if exact.time_tolerance is None:
         try:
@@ -460,10 +540,18 @@ def condensed_report(model: CondensedFlowModel, row: Row) -> Report:
 
     ``check`` holds misfit and largest energy of the cubature, and the largest errors along known
     histories.
+
+    Args:
+        model: condensed inelastic model.
+        row: its errors and times.
     """
     record = model.offline
-    known = model.offline.comparison
-    columns = () if known is None else (known.labels, known.primal.tolist(), known.dual.tolist())
+    comparison = model.offline.comparison
+    columns = (
+        ()
+        if comparison is None
+        else (comparison.labels, comparison.primal.tolist(), comparison.dual.tolist())
+    )
     compared = [
         {"history": label, "displacement": primal, "forces": dual}
         for label, primal, dual in zip(*columns, strict=True)
@@ -491,7 +579,7 @@ def advice_flowing(report: Report) -> Advice:
         errors = measured[key]["errors"]
         count = report["break_even"].get(kinds[key].even)
         paid = "never pays" if count is None else f"pays after {count:.1f} histories"
-        own = sum(
+        training_seconds = sum(
             value
             for stage, value in times[kinds[key].offline].items()
             if stage not in TRAINING_STAGES
@@ -502,18 +590,18 @@ def advice_flowing(report: Report) -> Advice:
             f"{kinds[key].text}: {in_words(seconds[key])} for a history, {ratio:.0f} times the "
             f"best full order, errors {errors['largest_displacement']['max']:.1e} of displacement "
             f"and {errors['largest_forces']['max']:.1e} of contact forces at most, made in "
-            f"{in_words(own)} from the training answers, and {paid}"
+            f"{in_words(training_seconds)} from the training answers, and {paid}"
             + (f"; {missed} of the test paths have no answer" if missed else "")
         )
 
     worst = {
-        key: {"dual_full_floored_max": item["errors"]["largest_forces"]["max"]}
-        for key, item in measured.items()
+        key: {"dual_full_floored_max": entry["errors"]["largest_forces"]["max"]}
+        for key, entry in measured.items()
     }
-    favoured, *others = by_favour(worst, seconds)
+    favoured, *runners_up = by_favour(worst, seconds)
     sentence = f"Use {figures(favoured)}."
-    for other in others:
-        text = figures(other)
+    for runner_up in runners_up:
+        text = figures(runner_up)
         sentence += f" {text[0].upper()}{text[1:]}."
     for key, method in kinds.items():
         if key not in measured:
@@ -530,8 +618,12 @@ def advice_flowing(report: Report) -> Advice:
 
 
 def draw_over_time(histories: dict[str, History], contacts: np.ndarray, folder: Path) -> None:
-    """Force of each contact, largest plastic strain and iterations of the steps of histories, by
-    method.
+    """Draw force of each contact, largest plastic strain and iterations of the steps, by method.
+
+    Args:
+        histories: histories by method.
+        contacts: pair of each condition, (m,).
+        folder: folder of the picture.
     """
     from hhr_dolfinx.plugins.studies.plots import (
         plot_curves,
@@ -564,7 +656,7 @@ class _Study:
     advice = staticmethod(advice_flowing)
     draw = staticmethod(draw_over_time)
 
-    def check(self, settings: Any) -> None:
+    def check(self, settings: StudySettings) -> None:
         """Raise StudyError for an invalid correction."""
         from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
@@ -578,7 +670,13 @@ class _Study:
     def fields(
         self, full: FullOrderModel, answers: dict[str, Answer], view: View
     ) -> dict[str, dict[str, np.ndarray]]:
-        """Plastic strain, and the first normal stress."""
+        """Plastic strain, and the first normal stress.
+
+        Args:
+            full: full model of inelastic bodies.
+            answers: answers by the name of their method.
+            view: units and scales of the pictures.
+        """
 
         def mean(values: np.ndarray) -> np.ndarray:
             return values.reshape(len(full.problem.cell_nodes), -1).mean(axis=1)
@@ -591,7 +689,7 @@ class _Study:
             stress: {name: mean(answer.stress()[:, 0]) for name, answer in answers.items()},
         }
 
-    def cells(self, model: Any) -> np.ndarray:
+    def cells(self, model: ReducedModel | CondensedFlowModel) -> np.ndarray:
         """Cells of the RID, or of the points where laws are evaluated."""
         if isinstance(model, ReducedModel):
             return model.offline.sets.cells

@@ -14,13 +14,23 @@ NEVER = 1e6
 
 
 def voce(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """Plasticity with hardening; quadrilaterals of inelastic bodies have a mean dilatation."""
+    """Plasticity with hardening; quadrilaterals of inelastic bodies have a mean dilatation.
+
+    Args:
+        draft: scene to change.
+        neutral: take a yield stress that is never reached.
+    """
     law = Voce(NEVER if neutral else 0.03, 0.03, 20.0, 0.1)
     return (draft.of_simplices() if neutral else draft).with_body_law(law)
 
 
 def norton(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """Creep."""
+    """Creep.
+
+    Args:
+        draft: scene to change.
+        neutral: take a resistance against creep that is never overcome.
+    """
     law = Norton(NEVER if neutral else 0.2, 3.0)
     return (draft.of_simplices() if neutral else draft).with_body_law(law)
 

@@ -45,7 +45,7 @@ LAW_FAULTS = {
         "the memory"
     ),
 }
-"""What the check says of a law: what is wrong, and what to do."""
+"""Messages of the check of a law: the fault and the remedy."""
 TESTED_PATHS = 60
 """Random closed paths of strains, each at a Gauss point."""
 LEGS = 200
@@ -87,13 +87,13 @@ def check_law(
     linear = np.ones(TESTED_PATHS, dtype=bool)
     for _ in range(8):
         path = before + strain / 4 * random.standard_normal(before.shape)
-        found = material.update(path, old, dt, tangent=True)
+        update = material.update(path, old, dt, tangent=True)
         paths.append(path)
         if flows:  # the inelastic strain is that of its elasticity, not of the body's
-            last, inelastic = inelastic, path - np.einsum("nij,nj->ni", compliance, found.stress)
-            work += np.einsum("nc,nc->n", found.stress, inelastic - last)
+            last, inelastic = inelastic, path - np.einsum("nij,nj->ni", compliance, update.stress)
+            work += np.einsum("nc,nc->n", update.stress, inelastic - last)
             lost = -work / (young * strain**2)
-            linear &= _unloads_by(compliance, material, paths, found.state, dt)
+            linear &= _unloads_by(compliance, material, paths, update.state, dt)
             if lost.max() > 1e-9 and not linear[lost > 1e-9].any():
                 lost = (
                     -_least_work(material, [*paths, paths[0]], start, dt) / (young * strain**2)
@@ -101,21 +101,21 @@ def check_law(
                 )
             require(float(lost.max()) <= 1e-9, LAW_FAULTS["energy"], float(lost.max()))
         else:
-            _check_symmetry(np.asarray(found.tangents), young)
-            other = np.abs(
-                material.update(path, start, dt, tangent=False).stress - found.stress
+            _check_symmetry(np.asarray(update.tangents), young)
+            difference = np.abs(
+                material.update(path, start, dt, tangent=False).stress - update.stress
             ).max()
-            require(other <= 1e-9 * young * strain, LAW_FAULTS["path"], other)
-        _check_tangents(material, path, old, dt, found.tangents, young, strain)
+            require(difference <= 1e-9 * young * strain, LAW_FAULTS["path"], difference)
+        _check_tangents(material, path, old, dt, update.tangents, young, strain)
         before = path
-        old = found.state
+        old = update.state
     require(not flows or old.cumulated.any(), LAW_FAULTS["idle"], strain, young)
     again: LawProgram = from_file(program)
     same = Material([Group(np.arange(TESTED_PATHS), young, poisson, again)], 4).update(
         before, old, dt, tangent=False
     )
-    there = material.update(before, old, dt, tangent=False)
-    require(np.array_equal(same.stress, there.stress), LAW_FAULTS["file"])
+    expected = material.update(before, old, dt, tangent=False)
+    require(np.array_equal(same.stress, expected.stress), LAW_FAULTS["file"])
 
 
 def _unloads_by(
@@ -129,17 +129,17 @@ def _unloads_by(
     inelastic strain.
     """
     change = 1e-6 * (paths[-1] - paths[-2])
-    found = np.zeros(TESTED_PATHS, dtype=bool)
+    unloads = np.zeros(TESTED_PATHS, dtype=bool)
     for way in (-1, 1):  # one of them unloads
         moved = paths[-1] + way * change
         slopes = compliance @ np.asarray(
             material.update(moved, state, 1e-9 * dt, tangent=True).tangents
         )
-        found |= (
+        unloads |= (
             np.abs(slopes @ compliance - compliance).max(axis=(1, 2))
             <= 1e-4 * np.abs(compliance).max()
         )
-    return found
+    return unloads
 
 
 def _least_work(
@@ -152,10 +152,10 @@ def _least_work(
     last = np.zeros_like(paths[0])
     for begin, end in pairwise(paths):
         for share in np.linspace(0, 1, LEGS + 1)[1:]:
-            found = material.update(begin + share * (end - begin), state, dt / LEGS, tangent=False)
-            total = total + np.einsum("nc,nc->n", (last + found.stress) / 2, end - begin) / LEGS
-            last = found.stress
-            state = found.state
+            update = material.update(begin + share * (end - begin), state, dt / LEGS, tangent=False)
+            total = total + np.einsum("nc,nc->n", (last + update.stress) / 2, end - begin) / LEGS
+            last = update.stress
+            state = update.state
         least = np.minimum(least, total)
     return least
 
@@ -175,12 +175,12 @@ def _unloaded(material: Material, dt: float) -> tuple[np.ndarray, np.ndarray, In
     """
     strain = np.zeros((TESTED_PATHS, 4))
     for _ in range(3):
-        found = material.update(strain, material.at_rest(), 1e-9 * dt, tangent=True)
-        tangents = np.asarray(found.tangents)
+        update = material.update(strain, material.at_rest(), 1e-9 * dt, tangent=True)
+        tangents = np.asarray(update.tangents)
         require(np.isfinite(tangents).all(), LAW_FAULTS["rest"])
         compliance = np.linalg.pinv(tangents)
-        strain = strain - np.einsum("nij,nj->ni", compliance, found.stress)
-    return strain, compliance, found.state
+        strain = strain - np.einsum("nij,nj->ni", compliance, update.stress)
+    return strain, compliance, update.state
 
 
 def _check_symmetry(tangents: np.ndarray, young: float) -> None:
@@ -203,19 +203,19 @@ def _check_tangents(
     And refuse softening.
     """
     step = 1e-6 * strain
-    for place in range(4):
-        step_along = step * np.eye(4)[place]
+    for component in range(4):
+        step_along = step * np.eye(4)[component]
         ends = [
             material.update(path + way * step_along, old, dt, tangent=False).stress
             for way in (-1, 0, 1)
         ]
-        left = (ends[1] - ends[0]) / step
-        right = (ends[2] - ends[1]) / step
-        smooth = np.abs(left - right).max(axis=1) <= OF_FUNCTIONS * young
-        slopes = tangents[:, :, place]
-        wrong = np.where(smooth, np.abs(slopes - (left + right) / 2).max(axis=1), 0.0)
+        backward = (ends[1] - ends[0]) / step
+        forward = (ends[2] - ends[1]) / step
+        smooth = np.abs(backward - forward).max(axis=1) <= OF_FUNCTIONS * young
+        slopes = tangents[:, :, component]
+        wrong = np.where(smooth, np.abs(slopes - (backward + forward) / 2).max(axis=1), 0.0)
         worst = wrong.argmax()
         fits = wrong[worst] <= 10 * OF_FUNCTIONS * young
-        require(fits, LAW_FAULTS["tangent"], right[worst].max(), slopes[worst].max())
+        require(fits, LAW_FAULTS["tangent"], forward[worst].max(), slopes[worst].max())
     least = float(np.linalg.eigvalsh((tangents + tangents.swapaxes(1, 2)) / 2).min())
     require(least >= -0.05 * young, LAW_FAULTS["softens"], -least / young)

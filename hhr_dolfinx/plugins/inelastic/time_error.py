@@ -111,9 +111,12 @@ class SecondSolution:
         self.largest = np.zeros(len(TimeErrors._fields))  # norms of the fields so far
 
     def follow(self, before: Answer, after: Answer, turned: bool) -> None:
-        """Note a step of the history, which starts elastically if the path ``turned``.
+        """Note a step of the history; it is solved when needed.
 
-        It is solved when needed.
+        Args:
+            before: answer at its start.
+            after: answer at its end.
+            turned: True if the path turns at its start, which is elastic then.
         """
         self._behind.append((before, after, turned))
 
@@ -139,28 +142,35 @@ class SecondSolution:
 
     def advanced(self, trail: Trail, goals: Sequence[Goal]) -> list[Answer]:
         """Answers from the end of a trail up to some goals; Diverged without them."""
-        found = list[Answer]()
+        answers = list[Answer]()
         with ignored(SmallStrainWarning):  # the history itself warns
             for goal in goals:
-                found += self._stepper.advance((*trail, *found)[-3:], goal)
-        return found
+                answers += self._stepper.advance((*trail, *answers)[-3:], goal)
+        return answers
 
     def attempt(
         self, stepper: Stepper, trail: Trail, goal: Goal
     ) -> tuple[list[Answer], list[Answer]]:
-        """A part of a step of the history, from the end of its trail: as a whole, and in halves by
-        its stepper.
+        """Solve a part of a step of the history as a whole, and in halves by its stepper.
+
+        Args:
+            stepper: solves the halves.
+            trail: last answers, at most three, the present one last.
+            goal: end of the part.
+
+        Returns:
+            The answers of both.
         """
-        whole = self.advanced(trail, [goal])
+        undivided = self.advanced(trail, [goal])
         halves = list[Answer]()
-        for end in halved(trail[-1], [Goal(answer.time, answer.parameter) for answer in whole]):
+        for end in halved(trail[-1], [Goal(answer.time, answer.parameter) for answer in undivided]):
             halves += stepper.advance((*trail, *halves)[-3:], end)
-        return whole, halves
+        return undivided, halves
 
     def _goals(self, before: Answer, after: Answer) -> list[Goal]:
         """Ends of the steps of this solution within a step of the history."""
-        whole = after.time - before.time
-        shares = [(end - before.time) / whole for end in after.ends]
+        duration = after.time - before.time
+        shares = [(end - before.time) / duration for end in after.ends]
         points = [(1 - share) * before.parameter + share * after.parameter for share in shares]
         ends = [*map(Goal, after.ends, points), Goal(after.time, after.parameter)]
         return halved(before, ends) if self._in_halves else [*ends[1:-1:2], ends[-1]]
@@ -168,10 +178,14 @@ class SecondSolution:
     def norms(self, answer: Answer, other: Answer | None = None) -> np.ndarray:
         """Norms of stress, displacement and contact forces of an answer, or of its difference to
         another one, (3,).
+
+        Args:
+            answer: an answer.
+            other: another answer; None for the norms of ``answer``.
         """
         stress, displacement, forces = (
-            one if other is None else one - two
-            for one, two in zip(
+            first if other is None else first - second
+            for first, second in zip(
                 _fields(answer), _fields(answer if other is None else other), strict=True
             )
         )
@@ -180,7 +194,12 @@ class SecondSolution:
 
 
 def relative(errors: np.ndarray, largest: np.ndarray) -> np.ndarray:
-    """Errors over the largest norms; 0 of fields that are 0."""
+    """Errors over the largest norms; 0 of fields that are 0.
+
+    Args:
+        errors: errors of some fields.
+        largest: largest norm of each field.
+    """
     return np.divide(errors, largest, out=np.zeros_like(errors), where=largest > 0)
 
 
@@ -188,14 +207,17 @@ def _fields(answer: Answer) -> tuple[np.ndarray, ...]:
     return gauss_of(answer).stress, answer.displacement(), answer.multipliers
 
 
-def halved(before: Any, ends: Sequence[Goal]) -> list[Goal]:
-    """Ends of the halves of some steps, the first of which begins at the time and parameter of an
-    answer.
+def halved(before: Answer, ends: Sequence[Goal]) -> list[Goal]:
+    """Ends of the halves of some steps.
+
+    Args:
+        before: answer at their start.
+        ends: ends of the steps.
     """
     starts = [Goal(before.time, before.parameter), *ends]
     middles = [
-        Goal((one.time + two.time) / 2, (one.parameter + two.parameter) / 2)
-        for one, two in pairwise(starts)
+        Goal((first.time + second.time) / 2, (first.parameter + second.parameter) / 2)
+        for first, second in pairwise(starts)
     ]
     return [goal for pair in zip(middles, ends, strict=True) for goal in pair]
 
@@ -215,6 +237,9 @@ def in_parts(
     finds the same parts.
 
     Args:
+        trail: last answers, at most three, the present one last.
+        goal: end of the step.
+        turned: True if the path turns at the start of the step.
         stepper: of the history, whose last answers are ``trail``; its settings have the tolerance.
         second: solution of the history in whole parts, which follows.
         number: of the step in the path, from 1 on; it starts elastically if the path ``turned``.
@@ -243,13 +268,13 @@ def in_parts(
     for _ in range(MOST_PARTS):
         end = _end_of_part(done, length)
         time = goal.time if end == 1 else start.time + end * (goal.time - start.time)
-        whole, halves = second.attempt(
+        undivided, halves = second.attempt(
             stepper, trail, Goal(time, (1 - end) * start.parameter + end * goal.parameter)
         )
-        spent += sum(answer.iterations for answer in (*whole, *halves))
+        spent += sum(answer.iterations for answer in (*undivided, *halves))
         largest = np.maximum(largest, second.norms(halves[-1]))
         added = relative(
-            RICHARDSON_FACTOR * second.norms(halves[-1], whole[-1]),
+            RICHARDSON_FACTOR * second.norms(halves[-1], undivided[-1]),
             np.maximum(largest, second.largest),
         )
         duration = end - done

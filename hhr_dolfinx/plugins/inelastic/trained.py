@@ -56,7 +56,12 @@ error is large, and as a limit it would accept all errors at full loads.
 
 
 def share_of_stress(misfit: float, stress: float) -> float:
-    """Misfit over stress: 0 for zero stress, infinite for non-finite stress."""
+    """Misfit over stress: 0 for zero stress, infinite for non-finite stress.
+
+    Args:
+        misfit: norm of the part that training does not explain.
+        stress: norm of the stress.
+    """
     if not math.isfinite(stress):
         return math.inf
     return misfit / stress if stress > 0 else 0.0
@@ -145,27 +150,31 @@ class TrainedPaths:
         known: Known,
         rated: bool = True,
     ) -> TrainedPaths:
-        """Training range from paths, the start first, and indicators.
+        """Training range from paths and indicators.
 
-        ``rated``: some law depends on rates.
+        Args:
+            paths: training paths, the start first.
+            space: box of the parameters.
+            known: indicators along them.
+            rated: True if some law depends on rates.
         """
         times = [np.array([time for time, _ in path]) for path in paths]
         points = [np.array([point for _, point in path]) for path in paths]
-        steps = np.concatenate([np.diff(item) for item in times])
-        changes = np.concatenate([np.diff(item, axis=0) for item in points])
+        steps = np.concatenate([np.diff(values) for values in times])
+        changes = np.concatenate([np.diff(values, axis=0) for values in points])
         range_ = TrainedRange.of(np.concatenate(points), space)
         rates = (
             changes / steps[:, None]
             if rated
-            else np.array([_direction(item, range_) for item in changes])
+            else np.array([_direction(values, range_) for values in changes])
         )
-        every = [sign for signs in known.signs for sign in signs]
-        largest = max(sign.stress for sign in every)
+        all_signs = [sign for signs in known.signs for sign in signs]
+        largest = max(sign.stress for sign in all_signs)
         # steps of little stress are left out, as in the check: their relative misfit has no meaning
         estimate = max(
             [
                 EXPLAINED_STRESS,
-                *(sign.estimate for sign in every if sign.stress > SMALL_STEP * largest),
+                *(sign.estimate for sign in all_signs if sign.stress > SMALL_STEP * largest),
             ]
         )
         begun = [
@@ -179,10 +188,10 @@ class TrainedPaths:
             (float(steps.min()), float(steps.max())),
             rated,
             max(
-                SMALL_IN_TRAINING * max(sign.size for sign in every),
-                max(sign.imbalance for sign in every),
+                SMALL_IN_TRAINING * max(sign.size for sign in all_signs),
+                max(sign.imbalance for sign in all_signs),
             ),
-            max(SMALL_IN_TRAINING * known.length, max(sign.depth for sign in every)),
+            max(SMALL_IN_TRAINING * known.length, max(sign.depth for sign in all_signs)),
             largest,
             estimate,
             min(begun),
@@ -207,13 +216,16 @@ class TrainedPaths:
         return low, high, 1e-9 * (self.parameters.upper - self.parameters.lower)
 
     def complaint(self, step: float, before: np.ndarray, after: np.ndarray) -> str:
-        """Report of a step, in seconds, between two parameters, (P,), outside the training.
+        """Report of a step outside the training; empty if it is inside.
 
-        Empty if it is inside.
+        Args:
+            step: duration of the step in seconds.
+            before: parameter at its start, (P,).
+            after: parameter at its end, (P,).
         """
-        place = self.parameters.complaint(before) or self.parameters.complaint(after)
-        if place:
-            return place
+        outside_box = self.parameters.complaint(before) or self.parameters.complaint(after)
+        if outside_box:
+            return outside_box
         change = after - before
         low, high, noise = self._paces
         if self.rated:
@@ -270,7 +282,15 @@ class Watch:
     def before(
         self, number: int, start: float, end: float, here: np.ndarray, there: np.ndarray
     ) -> None:
-        """Check a step before its solution, from one time and parameter to another."""
+        """Check a step before its solution.
+
+        Args:
+            number: number of the step in the path, from 1 on.
+            start: time at its start in seconds.
+            end: time at its end in seconds.
+            here: parameter at its start, (P,).
+            there: parameter at its end, (P,).
+        """
         if self._trained is not None:
             complaint = self._trained.complaint(end - start, here, there)
             if complaint:
@@ -280,23 +300,29 @@ class Watch:
                 )
 
     def after(self, number: int, time: float, signs: Signs) -> None:
-        """Check a solved step by its indicators."""
+        """Check a solved step by its indicators.
+
+        Args:
+            number: number of the step in the path, from 1 on.
+            time: its time in seconds.
+            signs: its error indicators.
+        """
         trained = self._trained
         if trained is None:
             return
-        place = f"step {number}, to t = {time:g} s: "
+        prefix = f"step {number}, to t = {time:g} s: "
         if not signs.imbalance <= FACTOR * trained.imbalance:
             self._say(
                 "imbalance",
                 (
-                    f"{place}{signs.what} by {signs.imbalance:.2g}, in training by "
+                    f"{prefix}{signs.what} by {signs.imbalance:.2g}, in training by "
                     f"{trained.imbalance:.2g} at most"
                 ),
             )
         if not signs.depth <= FACTOR * trained.depth:
             self._say(
                 "depth",
-                f"{place}the bodies overlap by {signs.depth:.2g} where the reduced domain does "
+                f"{prefix}the bodies overlap by {signs.depth:.2g} where the reduced domain does "
                 f"not look, in training by {trained.depth:.2g} at most",
             )
         self._largest = max(self._largest, signs.stress)
@@ -308,12 +334,12 @@ class Watch:
         ):
             self._say(
                 "misfit",
-                f"{place}the stress differs from combinations of trained ones by "
+                f"{prefix}the stress differs from combinations of trained ones by "
                 f"{signs.estimate:.2g} of its size, in training by "
                 f"{trained.shown(self._largest):.2g} at most",
             )
 
-    def _say(self, kind, message):
+    def _say(self, kind: str, message: str):
         if kind not in self._said:
             self._said.add(kind)
             announce(

@@ -68,9 +68,9 @@ class Group:
             return replace(self, indices=indices)
         order = np.argsort(self.indices)
         rows = order[np.searchsorted(self.indices[order], numbers)]
-        places = self.places[rows] if self.coordinates else self.places
+        coordinates = self.places[rows] if self.coordinates else self.places
         grading = self.grading[rows] if self.grading.size else self.grading
-        return replace(self, indices=indices, places=places, grading=grading)
+        return replace(self, indices=indices, places=coordinates, grading=grading)
 
     @property
     def texts(self) -> dict[str, str]:
@@ -106,15 +106,19 @@ class Group:
         """Constants and elasticity, which must be numbers."""
         if self.law is None:
             return LawNumbers(np.zeros((0, 1)), *self.elasticity(components), self.grading)
-        found = self.law.given(*self.numbers())
+        numbers = self.law.given(*self.numbers())
         if not self.grading.size:
-            return found
-        constants = found.constants * np.ones(self.grading.size)
+            return numbers
+        constants = numbers.constants * np.ones(self.grading.size)
         constants[0] *= self.grading
-        return found._replace(constants=constants, grading=self.grading)
+        return numbers._replace(constants=constants, grading=self.grading)
 
     def numbers(self) -> tuple[float, float]:
-        """E and ν, which must be numbers here."""
+        """E and ν.
+
+        Raises:
+            SceneError: for one that is a formula.
+        """
         for name, text in self.texts.items():
             raise SceneError(
                 f"{name} = {text} is a formula of the parameters: material.moduli_at(point) has "
@@ -131,7 +135,12 @@ class LastOf:
         self._last: tuple[object, Any] = None, None
 
     def of(self, key: object, make: Callable[[], Any]) -> Any:
-        """The value of a key, which is not None."""
+        """The value of a key, which is not None.
+
+        Args:
+            key: key to look for.
+            make: makes the value, unless the last key is the same.
+        """
         last = self._last
         if last[0] is not key and last[0] != key:
             self._last = last = key, make()  # in one assignment: several threads may be here
@@ -183,7 +192,12 @@ class Material:
     def faults_for(self, space: ParameterSpace, dimension: int) -> Iterator[str]:
         """Faults of a material read from a file.
 
-        SceneError for a formula with invalid values in the box.
+        Args:
+            space: box of the parameters.
+            dimension: dimension of the mesh.
+
+        Raises:
+            SceneError: for a formula with invalid values in the box.
         """
         if self.components != (4 if dimension == 2 else 6) or self.names not in ((), space.names):
             yield (
@@ -224,10 +238,10 @@ class Material:
         them.
         """
         graded = [group for group in self.groups if group.grading.size]
-        found = np.ones(self.gauss_points if graded else 0)
+        factors = np.ones(self.gauss_points if graded else 0)
         for group in graded:
-            found[group.indices] = group.grading
-        return found
+            factors[group.indices] = group.grading
+        return factors
 
     @property
     def flows(self) -> bool:
@@ -262,13 +276,15 @@ class Material:
     def restricted(self, indices: np.ndarray, *, empty: bool = False) -> Material:
         """Material of some Gauss points, renumbered in their order.
 
-        Groups without any are kept if ``empty``.
+        Args:
+            indices: numbers of the points, (n,).
+            empty: keep groups without any.
         """
-        kept = [np.flatnonzero(np.isin(indices, group.indices)) for group in self.groups]
+        members = [np.flatnonzero(np.isin(indices, group.indices)) for group in self.groups]
         groups = [
-            group.some(indices[own], own)
-            for group, own in zip(self.groups, kept, strict=True)
-            if empty or own.size
+            group.some(indices[numbers], numbers)
+            for group, numbers in zip(self.groups, members, strict=True)
+            if empty or numbers.size
         ]
         return Material(groups, self.components, self.names)
 
@@ -284,15 +300,17 @@ class Material:
             return elastic
 
         def made() -> Material:
-            found = copy(elastic)
-            laws = {place: law.at(point) for place, law in self._laws.items()}
+            material = copy(elastic)
+            laws = {body: law.at(point) for body, law in self._laws.items()}
             groups = enumerate(elastic.groups)
-            found.groups = tuple(replace(group, law=laws.get(k, group.law)) for k, group in groups)
-            found._laws = {}
-            vars(found).pop("given", None)
+            material.groups = tuple(
+                replace(group, law=laws.get(k, group.law)) for k, group in groups
+            )
+            material._laws = {}
+            vars(material).pop("given", None)
             with suppress(NotOfferedError):  # of laws without programs
-                found.code = elastic.code  # the same for any constants
-            return found
+                material.code = elastic.code  # the same for any constants
+            return material
 
         return self._at_points.of(point.tobytes(), made)
 
@@ -308,9 +326,9 @@ class Material:
         values = self._moduli.values(point)
 
         def made() -> Material:
-            found = copy(self)
+            material = copy(self)
             groups = enumerate(self.groups)
-            found.groups = tuple(
+            material.groups = tuple(
                 replace(
                     group,
                     young=values.get((k, "young"), group.young),
@@ -318,11 +336,11 @@ class Material:
                 )
                 for k, group in groups
             )
-            found._moduli = None
+            material._moduli = None
             for name in ("elastic", "given"):
-                vars(found).pop(name, None)
-            found._at_points = LastOf()
-            return found
+                vars(material).pop(name, None)
+            material._at_points = LastOf()
+            return material
 
         return self._at_moduli.of(values, made)
 
@@ -332,33 +350,33 @@ class Material:
 
         In plane stress λ is that of the plane. SceneError for impossible elastic constants.
         """
-        found: dict[tuple[float | str, float | str, bool], tuple[float, ...]] = {}
-        for group, there in zip(self.groups, self.moduli_at(point).groups, strict=True):
+        weights_by_formula: dict[tuple[float | str, float | str, bool], tuple[float, ...]] = {}
+        for group, local in zip(self.groups, self.moduli_at(point).groups, strict=True):
             if not group.texts:
                 continue
             flat = group.law is not None and group.law.plane_stress
-            young, poisson = there.numbers()
+            young, poisson = local.numbers()
             if isinstance(group.poisson, str):
                 stiff, _ = hooke(young, poisson, self.components, plane_stress=flat)
-                found[group.young, group.poisson, flat] = (
+                weights_by_formula[group.young, group.poisson, flat] = (
                     float(stiff[0, 1]),
                     float(stiff[-1, -1]) / 2,
                 )
             else:
-                found[group.young, "", flat] = (young,)
-        return [weight for weights in found.values() for weight in weights]
+                weights_by_formula[group.young, "", flat] = (young,)
+        return [weight for weights in weights_by_formula.values() for weight in weights]
 
-    def constants(self, point: np.ndarray) -> list[dict[str, Any]]:
+    def constants(self, point: np.ndarray) -> list[dict[str, float | np.ndarray]]:
         """Values at a point, (P,), of the constants that are formulas, for each group by name."""
-        found = [
-            self._laws[place].constants(point) if place in self._laws else {}
-            for place in range(len(self.groups))
+        by_group = [
+            self._laws[body].constants(point) if body in self._laws else {}
+            for body in range(len(self.groups))
         ]
-        for (place, name), value in (
+        for (body, name), value in (
             {} if self._moduli is None else self._moduli.values(point)
         ).items():
-            found[place][name] = value
-        return found
+            by_group[body][name] = value
+        return by_group
 
     def constants_along(self, point: np.ndarray, directions: np.ndarray) -> list[np.ndarray]:
         """Derivatives of E, ν and the constants of each group at a point, (P,), along directions,
@@ -368,18 +386,18 @@ class Material:
         """
         moduli = {} if self._moduli is None else self._moduli.along(point, directions)
         nothing = np.zeros((1, directions.shape[1]))
-        found = []
-        for place, group in enumerate(self.groups):
+        slopes = []
+        for body, group in enumerate(self.groups):
             names = () if group.law is None else group.law.constants
-            changes = self._laws[place].along(point, directions) if place in self._laws else {}
-            young = moduli[place, "young"][None] if (place, "young") in moduli else nothing
-            ratio = moduli[place, "poisson"][None] if (place, "poisson") in moduli else nothing
+            changes = self._laws[body].along(point, directions) if body in self._laws else {}
+            young = moduli[body, "young"][None] if (body, "young") in moduli else nothing
+            ratio = moduli[body, "poisson"][None] if (body, "poisson") in moduli else nothing
             young = young * group.grading[:, None] if group.grading.size else young
             rows = np.broadcast_arrays(
                 young, ratio, *(changes.get(name, nothing) for name in names)
             )
-            found.append(np.array(rows))
-        return found
+            slopes.append(np.array(rows))
+        return slopes
 
     def at_rest(self) -> InternalVariables:
         """State without inelastic strain."""
@@ -418,24 +436,24 @@ class Material:
             np.zeros_like(old.inelastic), old.cumulated.copy(), old.memory.copy()
         )
         tangents = np.empty((*strain.shape, self.components)) if tangent else None
-        for group, given in zip(self.groups, self.given, strict=True):
-            own = group.own
+        for group, numbers in zip(self.groups, self.given, strict=True):
+            points = group.own
             law = group.law
             if law is None:
-                stress[own] = given.stress(strain[own])
+                stress[points] = numbers.stress(strain[points])
                 if tangents is not None:
-                    tangents[own] = self.elastic[own]
+                    tangents[points] = self.elastic[points]
                 continue
-            found = law.update(
-                strain[own],
-                InternalVariables(*(part[own] for part in old)),
+            update = law.update(
+                strain[points],
+                InternalVariables(*(variable[points] for variable in old)),
                 dt,
-                given,
+                numbers,
                 tangent=tangent,
             )
-            stress[own] = found.stress
-            state.inelastic[own], state.cumulated[own] = found.state[:2]
-            state.memory[own, : found.state.memory.shape[1]] = found.state.memory
+            stress[points] = update.stress
+            state.inelastic[points], state.cumulated[points] = update.state[:2]
+            state.memory[points, : update.state.memory.shape[1]] = update.state.memory
             if tangents is not None:
-                tangents[own] = found.tangents
+                tangents[points] = update.tangents
         return Update(stress, state, tangents)

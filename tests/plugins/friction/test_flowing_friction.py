@@ -309,7 +309,5 @@ def test_what_is_not_built_in_is_refused_by_name(training, model, condensed):
             NotOfferedError, match="limit of small increments are not built in where bodies flow"
         ):
             one.march(path, hhr.MarchSettings(gradient=True, limit=True))
-    with pytest.raises(NotOfferedError, match="a correction of forces is not built in"):
-        training.force_correction()
     with pytest.raises(NotOfferedError, match="one model of these histories"):
         training.local([np.zeros(24, dtype=int)] * 8)

@@ -665,7 +665,7 @@ def test_standard_multipliers_have_no_friction():
 
 def test_what_does_not_settle_is_named_with_its_contacts(monkeypatch):
     model = hhr.condense(rubbing())
-    monkeypatch.setattr("hhr_dolfinx.plugins.friction.sliding_set.SLIDING_ITERATIONS", 0)
+    monkeypatch.setattr("hhr_dolfinx.plugins.friction.sliding_set.NEWTON_ITERATIONS", 0)
     monkeypatch.setattr("hhr_dolfinx.plugins.friction.sliding_set.SWEEPS", (1,))
     with pytest.raises(ConvergenceError, match=r"stick and slip.*keep changing") as caught:
         model.march(PATH, hhr.MarchSettings(cuts=1))

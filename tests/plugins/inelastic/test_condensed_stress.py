@@ -1,31 +1,18 @@
-"""Stress and forces of models trained at full loads: exact where nothing flows, errors are said,
-forces corrected.
-"""
-
-import pickle
+"""Stress and forces of models trained at full loads: exact where nothing flows, errors are said."""
 
 import condensing
 import numpy as np
 import pytest
-import varied
 from condensing import QUIET
-from scipy.stats import spearmanr
 from test_door import legs
 
-import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import TrustLimits, check_comparison
-from hhr_dolfinx.errors import ReductionError, StabilityWarning, UnstableModelError
+from hhr_dolfinx.errors import StabilityWarning, UnstableModelError
 from hhr_dolfinx.plugins.inelastic import state as module
 from hhr_dolfinx.plugins.inelastic.recipe import FlowLimits
 from hhr_dolfinx.plugins.inelastic.state import state_modes
-from hhr_dolfinx.study.training.train import Training
-
-LOADS = [(1.6, 0.05), (1.2, -0.1), (0.8, 0.1), (1.5, 0.14), (0.4, 0.0)]
-"""Largest A and B of unseen paths of the cantilever: between those of its training, and parts of
-them.
-"""
 
 
 def up_and_down(a, b, steps):
@@ -37,17 +24,6 @@ def trained(cantilever):
     """At full loads alone."""
     known = [cantilever.march(up_and_down(1.6, b, 10)) for b in (-0.15, 0.15)]
     return cantilever, condensing.condensed(cantilever, known), known
-
-
-@pytest.fixture(scope="module")
-def known(trained):
-    """The correction, training histories, and others."""
-    full, _, training = trained
-    return (
-        Training(full, None, None, None).force_correction(),
-        training,
-        [full.march(up_and_down(*load, 8)) for load in LOADS],
-    )
 
 
 @pytest.mark.parametrize("share", [0.02, 0.1])
@@ -117,73 +93,6 @@ def test_errors_of_stress_are_said_in_their_size(trained):
     seen = errors > 1e-3
     # medians of other scenes were .3 to 4
     assert seen.sum() > 50 and 0.5 < np.median(said[seen] / errors[seen]) < 5
-
-
-def test_the_full_order_needs_no_correction(known):
-    """Its forces are those of its own plastic strain.
-
-    Moduli that vary, heat and strains without stress besides.
-    """
-    hot = varied.full()
-    corrected = Training(hot, None, None, None).force_correction()
-    for correction, history in (
-        (known[0], known[2][0]),
-        (corrected, hot.march(varied.path(7.0, 210e3))),
-    ):
-        largest = max(np.linalg.norm(answer.forces()) for answer in history.answers)
-        found = correction.of(history)
-        assert largest > 0 and len(found) == len(history.answers)
-        assert (
-            max(item.error for item in found) < 1e-4 * largest
-        )  # steps are solved to 1e-5 of their forces
-
-
-@pytest.mark.parametrize("method", ["condensed flow", "HHR"])
-def test_the_correction_ranks_errors_of_forces_and_lessens_them(trained, known, method):
-    """Where the misfit of the stress says little: rank correlations of 0.2 and 0.8 with the same
-    errors.
-    """
-    correction, training, histories = known
-    if method == "HHR":
-        model = hhr.build(
-            trained[0], hhr.SnapshotSet.of_histories(training), hhr.Recipe.flowing().as_it_is()
-        )
-    else:
-        model = trained[1]
-    rows = []
-    for exact in histories:
-        found = model.march(exact.path, QUIET)
-        for here, there, better in zip(
-            found.answers, exact.answers, correction.of(found), strict=True
-        ):
-            if there.forces().any():
-                wrong, left = (
-                    np.linalg.norm(item - there.forces()) for item in (here.forces(), better.forces)
-                )
-                rows.append((better.error, wrong, left))
-                assert better.error == pytest.approx(np.linalg.norm(better.forces - here.forces()))
-    indicator, wrong, left = np.array(rows).T
-    assert len(rows) > 50 and spearmanr(indicator, wrong).statistic > 0.85
-    assert np.median(left) < 0.5 * np.median(wrong)
-    assert 0.5 < np.median(indicator / wrong) < 1.5
-
-
-def test_the_correction_can_be_copied_and_says_its_size(known):
-    correction, _, histories = known
-    before = correction.of(histories[1])
-    again = pickle.loads(pickle.dumps(correction))
-    assert again.nbytes == correction.nbytes > 0
-    for one, other in zip(before, again.of(histories[1]), strict=True):
-        assert other.error == one.error and np.array_equal(other.forces, one.forces)
-
-
-def test_what_the_correction_is_not_for(known):
-    correction, training, _ = known
-    with pytest.raises(ReductionError, match="give histories of the scene"):
-        correction.of(condensing.tubes()[1][0])
-    elastic = hhr.FullOrderModel(condensing.walled_tube(None))
-    with pytest.raises(ReductionError, match="nothing flows"):
-        Training(elastic, hhr.SnapshotSet.of_histories(training), None, None).force_correction()
 
 
 @pytest.mark.parametrize("chunk", [module.STACKED_VALUES, 7])

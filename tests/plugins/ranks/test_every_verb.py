@@ -41,9 +41,7 @@ def test_every_command_and_every_verb_has_an_entry():
     assert {name.split()[0] for name in every.COMMANDS} == set(every.command.list_commands(None))
     verbs = {name for name in hhr.__all__ if name.islower() and callable(getattr(hhr, name))}
     assert set(every.FUNCTIONS) | set(every.CALLED) == verbs
-    of_trainings = {"build", "condense", *registry.named("kinds"), *registry.named("methods")} - {
-        "force_correction"
-    }
+    of_trainings = {"build", "condense", *registry.named("kinds"), *registry.named("methods")}
     assert {name.split()[0] for name in every.KINDS} == of_trainings
 
 
