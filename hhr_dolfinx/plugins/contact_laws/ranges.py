@@ -13,16 +13,13 @@ nothing is proved with it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import OTHER_PAIRS_ROUND_OFF, Status
 from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.contact_laws.range_increments import RangeState
 
 PROJECTION_TOLERANCE = 1e-11
 """Relative deviation of forces from their projection up to which they have converged (measured
@@ -191,7 +188,7 @@ class RangeSolver:
         raise NotImplementedError
 
     def difference(
-        self, off: float, ends: Sequence[RangeState], rows: np.ndarray, largest: float
+        self, off: float, ends: Sequence[Any], rows: np.ndarray, largest: float
     ) -> float:
         """Error of a step in two halves.
 

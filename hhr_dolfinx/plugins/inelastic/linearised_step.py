@@ -328,7 +328,7 @@ class LinearisedStepper(Stepper):
             raise Diverged(reason, self.model.together.place(flowed))
 
     def _floor(self, linear: Linearisation, settings: MarchSettings, stress: float) -> float:
-        """Largest change of the stress at convergence: a part of a stress, or round-off of strains."""
+        """Largest change of the stress at convergence: a part of it, or round-off of strains."""
         return max(
             settings.floor_stress * stress,
             ROUND_OFF_STRAIN * self.model.together.largest(linear.moduli.max()),

@@ -333,6 +333,14 @@ STUDY_METHODS = {
 
 
 @told_once()
+def _setting_of(name: str, model: ReducedModel | CondensedFlowModel) -> str:
+    """Setting of a small model for the table of the report."""
+    if name == "HHR":
+        return STUDY_METHODS[name].setting
+    facts = model.offline
+    return f"{facts.modes} modes, {facts.points} points"
+
+
 def measure_histories(
     training: Training,
     settings: StudySettings,
@@ -376,13 +384,8 @@ def measure_histories(
 
     measured = {}
     for name, model in models.items():
+        setting = _setting_of(name, model)
         try:
-            facts = model.offline
-            setting = (
-                STUDY_METHODS[name].setting
-                if name == "HHR"
-                else f"{facts.modes} modes, {facts.points} points"
-            )
             measured[name] = Measured.of(
                 (name, setting), full, model, runs_by_name[name], references, floor
             )

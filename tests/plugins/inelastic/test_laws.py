@@ -671,7 +671,7 @@ def test_laws_are_data_that_need_neither_ufl_nor_dolfinx(tmp_path):
         "import sys; sys.modules.update(dict.fromkeys(('ufl', 'dolfinx', 'basix', 'petsc4py', "
         "'mpi4py')))\nimport json, numpy as np\nfrom hhr_dolfinx.plain import restored\nfrom "
         "hhr_dolfinx.plugins.inelastic.law import LawProgram\nfrom "
-        "hhr_dolfinx.plugins.inelastic.update import State\nfrom "
+        "hhr_dolfinx.plugins.inelastic.law import InternalVariables as State\nfrom "
         "hhr_dolfinx.plugins.programs.program import Program\nwith np.load(sys.argv[1]) as found: "
         "arrays = {name.replace('|', '/'): found[name] for name in found}\nlaw = "
         "restored(json.loads(sys.argv[2]), arrays, {'LawProgram': LawProgram, 'Program': "
