@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from hhr_dolfinx import compat
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.friction.laws import Friction
-    from hhr_dolfinx.plugins.friction.sliding_set import SlidingIncrement
 
 
 def swept(
@@ -25,7 +24,7 @@ def swept(
     friction: Friction,
     pressures: np.ndarray,
     stiffness: np.ndarray,
-    given: SlidingIncrement,
+    given: Any,
     forces: np.ndarray,
     count: int,
 ) -> np.ndarray:
