@@ -7,7 +7,7 @@ export PYTHONUNBUFFERED = 1
 # set-up leaves compiling to the first import, which must be kept: else each of hundreds of processes compiles again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo flange hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator time-errors greedy indent scene held benchmarks decks patch laws extreme recipes compose figures lint test test-core quick slow slice docs setup mutants doctor without same paths
+.PHONY: demo flange hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator time-errors greedy indent scene held foreign foreign-codes benchmarks decks patch laws extreme recipes compose figures lint test test-core quick slow slice docs setup mutants doctor without same paths
 
 demo: setup
 	.venv/bin/python demos/bolted_joint.py
@@ -82,6 +82,14 @@ indent: setup
 
 scene: setup
 	.venv/bin/python demos/your_scene.py
+
+# K of CalculiX' shells, contact of ours
+foreign: setup
+	.venv/bin/python demos/foreign.py
+
+# elements of CalculiX that we lack, beside its own contact, where it is installed
+foreign-codes: setup
+	.venv/bin/python benchmarks/foreign.py
 
 held: setup
 	.venv/bin/python demos/held_by_contact.py

@@ -47,6 +47,16 @@ from .plugins.decks.temperatures import DeckTemperatures as DeckTemperatures
 from .plugins.decks.with_outside import WithOutside as WithOutside
 from .plugins.external_operator.law import ExternalOperator as ExternalOperator
 from .plugins.fallback.model import FallbackModel as FallbackModel
+from .plugins.foreign.block import ForeignBlock as ForeignBlock
+from .plugins.foreign.case import SolvedCase as SolvedCase
+from .plugins.foreign.export import blocks_of_scene as blocks_of_scene
+from .plugins.foreign.ground import NodesToGround as NodesToGround
+from .plugins.foreign.loads import ForeignLoad as ForeignLoad
+from .plugins.foreign.matrix import ForeignMatrix as ForeignMatrix
+from .plugins.foreign.nodes import ForeignNodes as ForeignNodes
+from .plugins.foreign.outputs import UncheckedStiffness as UncheckedStiffness
+from .plugins.foreign.readers import read_stiffness as read_stiffness
+from .plugins.foreign.stiffness import ForeignStiffness as ForeignStiffness
 from .plugins.friction.outputs import DissipatedWork as DissipatedWork
 from .plugins.friction.outputs import FrictionForce as FrictionForce
 from .plugins.friction.outputs import LargestSlip as LargestSlip

@@ -21,6 +21,8 @@ def answer_mesh_of(discretisation: Discretisation, problem: ContactProblem) -> A
         discretisation: finite element model of the scene.
         problem: its contact problem.
     """
+    if not discretisation.has_mesh:
+        return discretisation.answer_mesh(problem)  # type: ignore[attr-defined]
     scene = discretisation.scene
     space = discretisation.space
     cells, kinds, _ = vtk_mesh(space)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 import ufl
@@ -30,7 +30,7 @@ from hhr_dolfinx.full_order.checks import conditions_with_unknowns, warn_of_idle
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.elasticity import elasticity_of
 from hhr_dolfinx.full_order.eliminated import DependentDofs
-from hhr_dolfinx.full_order.free_bodies import free_bodies
+from hhr_dolfinx.full_order.free_bodies import FreeBody, free_bodies
 from hhr_dolfinx.full_order.still import StillMesh
 from hhr_dolfinx.loads import Assembler, Load, Term, Terms, checked_terms
 from hhr_dolfinx.pairings.surface import normalised
@@ -56,6 +56,16 @@ class Discretisation(DiscreteSpace):
         SceneError: for a mesh that does not suit the scene, missing tags, surfaces that do not face
             each other, or conflicting displacements.
     """
+
+    # False for a system that has matrices alone, and an ``answer_mesh(problem)`` of its own
+    has_mesh = True
+
+    def __new__(cls, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD) -> Self:
+        """A system that brings its own matrices states the class that reads them,
+        ``discretised``.
+        """
+        stated = getattr(scene.system, "discretised", cls) if cls is Discretisation else cls
+        return super().__new__(stated)
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         super().__init__(scene, comm)
@@ -288,8 +298,7 @@ class Discretisation(DiscreteSpace):
             problem: the contact problem.
             stated: user-defined system; None for that of the bodies.
         """
-        bodies = self.group.joined(self.cell_bodies())
-        free = free_bodies(self.scene, problem, bodies, self.springs)
+        free = self.free_bodies(problem)
         free = (stated or self.shape).left_free(free, problem)
         if free:
             request = (
@@ -301,6 +310,25 @@ class Discretisation(DiscreteSpace):
             problem = replace(problem, kernel=kernel, law=kernel.law)
         warn_of_idle_parameters(self.scene, problem.amplitudes)
         return self.shape.attached(problem)
+
+    def stated(self, stiffness: tuple[csr_matrix, ...]) -> StatedSystem:
+        """The system of local rows of the parts of K of all dofs, (own dofs, N): that of bodies, or
+        of a user.
+        """
+        if self.scene.system is None:
+            return self.shape
+        made = registry.tool(
+            "systems", f"scene '{self.scene.name}', which has a system of its own,"
+        )
+        found: StatedSystem = made(self.scene, stiffness, self.springs)
+        return found
+
+    def free_bodies(self, problem: ContactProblem) -> list[FreeBody]:
+        """Bodies with rigid motions that imposed displacements, constraints and springs leave.
+
+        Collective.
+        """
+        return free_bodies(self.scene, problem, self.group.joined(self.cell_bodies()), self.springs)
 
     def stress(self, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Stress of a displacement, see :meth:`~ConstantElasticity.stress_in_cells`.

@@ -14,7 +14,6 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.free_bodies import free_bodies
 from hhr_dolfinx.full_order.with_laws import BodiesWithLaws, with_laws
 from hhr_dolfinx.loads import Load, Terms, checked_terms
 from hhr_dolfinx.pairings.surface import Surface
@@ -57,8 +56,10 @@ def check_scene(scene: Scene, point: PointLike | None = None) -> SceneCheck:
         found.discretisation = Discretisation(scene, MPI.COMM_SELF)
     if found.discretisation is None:
         return found
-    look_at_mesh(found)
-    _names(found)
+    has_mesh = found.discretisation.has_mesh  # a system of other codes has none
+    if has_mesh:
+        look_at_mesh(found)
+        _names(found)
     _units(found)
     for item in scene.contacts:  # separately, so that all of them are reported
         surfaces: list[Surface] = []
@@ -67,7 +68,8 @@ def check_scene(scene: Scene, point: PointLike | None = None) -> SceneCheck:
             surfaces = [found.discretisation.surface(tag) for tag in item.tags]
             rows = item.rows(surfaces, found.discretisation.size)
         found.pairs.append((surfaces, rows))
-    look_at_joints(found)
+    if has_mesh:
+        look_at_joints(found)
     look_at_common_nodes(found)
     if found.mistakes:
         return found
@@ -79,7 +81,7 @@ def check_scene(scene: Scene, point: PointLike | None = None) -> SceneCheck:
         _size(found, problem)
         _gaps(found, problem, middle)
         _supports(found, problem)
-        for load in scene.loads:
+        for load in scene.loads if has_mesh else ():
             with found.heard():
                 _load(found, load, middle)
         _outputs(found, problem, laws)
@@ -260,7 +262,7 @@ def sag_of(surface: Surface) -> float:
 
 
 def _supports(found: SceneCheck, problem: ContactProblem) -> None:
-    free = free_bodies(found.scene, problem, found.meshed.cell_bodies(), found.meshed.springs)
+    free = found.meshed.free_bodies(problem)
     for body in free:
         found.note(
             f"{body.name} is held by contact alone: without contact it "

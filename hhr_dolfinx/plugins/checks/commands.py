@@ -74,7 +74,7 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
         look_at_mesh_error(found, point)
     for finding in found.findings:
         console.print(f"{finding.level:8} {finding.text}", highlight=False)
-    if found.discretisation is not None:
+    if found.discretisation is not None and found.discretisation.has_mesh:
         from hhr_dolfinx.plugins.checks.drawing import figure_of_scene
 
         figure_of_scene(found).savefig(picture, dpi=150)

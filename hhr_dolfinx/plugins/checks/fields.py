@@ -176,9 +176,10 @@ def _add_stress(
 
     Without a full model what the files beside a model have of them.
     """
-    if (
-        is_full(meshed) and meshed.equilibrium is None
-    ):  # a model from a file has no stress without the mesh
+    if is_full(meshed) and not meshed.discretisation.has_mesh:  # K of other codes knows no strains
+        return
+    # a model from a file has no stress without the mesh
+    if is_full(meshed) and meshed.equilibrium is None:
         stress = meshed.stress_of(answer.displacement(), answer.parameter)
     elif mesh.von_mises is not None:
         grid.cell_data["von_mises"] = mesh.von_mises(answer.displacement(), answer.parameter)

@@ -122,6 +122,8 @@ class SceneDraft:
         held: True if the upper block is pushed down by a displacement, False by a pressure.
         system: see :class:`~hhr_dolfinx.scene.Scene`.
         meshed: makes another geometry of that of the two blocks.
+        remade: makes another scene of the finished one, such as one with a stiffness of another
+            code.
         full, condensed: make the full and the condensed model of the scene; None for the usual.
     """
 
@@ -141,6 +143,7 @@ class SceneDraft:
     held: bool = True
     system: Callable[..., System] | None = None
     meshed: Callable[[Geometry], Geometry] | None = None
+    remade: Callable[[Scene], Scene] | None = None
     full: Callable[[Scene], AnsweringModel] | None = None
     condensed: Callable[[Scene], AnsweringModel] | None = None
 
@@ -274,7 +277,7 @@ class SceneDraft:
         """The scene."""
         space = self._space()
         contacts = (self._pair(), *self.obstacles)
-        return Scene(
+        made = Scene(
             name="composed",
             geometry=self.geometry(),
             hypothesis=self.kind.hypothesis,
@@ -294,6 +297,7 @@ class SceneDraft:
             system=self.system,
             outputs=(*self._outputs(), *self.outputs),
         )
+        return made if self.remade is None else self.remade(made)
 
     def path(self, scale: float = 1.0, share: float | None = None) -> Path:
         """A load path whose values that change are scaled.

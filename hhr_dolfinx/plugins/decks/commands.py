@@ -11,6 +11,7 @@ from hhr_dolfinx.command.words import examples
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileContentError, FileError, SceneError
 from hhr_dolfinx.plugins.decks.deck import Deck, Left
+from hhr_dolfinx.registry import tool
 
 if TYPE_CHECKING:
     from hhr_dolfinx.geometries.raw_mesh import RawMesh
@@ -20,7 +21,12 @@ with extra("study", "the command hhr"):
 
 
 @click.command(
-    epilog=examples("hhr start deck.inp", "hhr start part.msh --to part.py", "hhr start run.comm")
+    epilog=examples(
+        "hhr start deck.inp",
+        "hhr start part.msh --to part.py",
+        "hhr start run.comm",
+        "hhr start part.inp --stiffness part.sti --case case.inp",
+    )
 )
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option(
@@ -31,14 +37,41 @@ with extra("study", "the command hhr"):
     type=click.Path(path_type=Path),
     help="mesh of a .comm [one of the same name beside it]",
 )
+@click.option(
+    "--stiffness", type=click.Path(path_type=Path), help="K of the deck, written by its code"
+)
+@click.option(
+    "--case",
+    type=click.Path(path_type=Path),
+    help="load case that the code has solved, for --stiffness",
+)
+@click.option(
+    "--unchecked", is_flag=True, help="take --stiffness without --case; each answer says so"
+)
+@click.option(
+    "--dofs",
+    type=click.Path(path_type=Path),
+    help="node and direction of each row, for --stiffness",
+)
 @click.option("--force", is_flag=True, help="write over a scene file that is there")
 @guarded
-def start(file: Path, to: Path | None, mesh: Path | None, force: bool) -> None:
+def start(
+    file: Path,
+    to: Path | None,
+    mesh: Path | None,
+    stiffness: Path | None,
+    case: Path | None,
+    unchecked: bool,
+    dofs: Path | None,
+    force: bool,
+) -> None:
     """Write a scene file from a deck of CalculiX, Abaqus or code_aster, or a template from any
     mesh.
 
     Materials, supports, loads and contact pairs of the deck become parts of the scene, each with
-    its line. What has no counterpart is a comment with TODO, and is printed.
+    its line. What has no counterpart is a comment with TODO, and is printed. With --stiffness,
+    elements and materials are those of another code, in a file of K that it wrote, and the deck
+    gives surfaces, supports, loads and contact.
     """
     from hhr_dolfinx.command.loading import checked_target
     from hhr_dolfinx.files import replacing
@@ -52,10 +85,23 @@ def start(file: Path, to: Path | None, mesh: Path | None, force: bool) -> None:
         raise FileError(
             f"{target} is there: name another file, --to my_scene.py, or write over it with --force"
         )
+    console, _ = spoken()
+    if stiffness is not None:
+        if case is None and not unchecked:
+            raise SceneError(
+                "--stiffness needs --case, a load case that the same code has solved, or "
+                "--unchecked"
+            )
+        write = tool("foreign_scene", f"a scene with the stiffness {stiffness.name}")
+        for line in (
+            *write(file, stiffness, target, case, dofs),
+            f"{target} is written. Now: hhr check {target}",
+        ):
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
+        return
     deck = deck_of(file, mesh)
     with replacing(target, text=True) as out:
         out.write(scene_text(deck, file, target))
-    console, _ = spoken()
     for line in (*map(str, deck.left), f"{target} is written. Now: hhr check {target}"):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     if deck.contact_lost:

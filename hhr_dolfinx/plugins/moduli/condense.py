@@ -464,14 +464,12 @@ def _check_motions(problem: ContactProblem) -> None:
 
 def _check_supports(full: Any) -> None:
     """Refuse a user-defined system that leaves motions only at a corner of the box."""
-    from hhr_dolfinx.full_order.free_bodies import free_bodies
     from hhr_dolfinx.plugins.elasticity.unresisted import unresisted
 
     problem: ContactProblem = full.problem
     if problem.kernel is not None:
         return
-    mesh = full.discretisation
-    loose = free_bodies(full.scene, problem, full.group.joined(mesh.cell_bodies()), mesh.springs)
+    loose = full.discretisation.free_bodies(problem)
     for point in box_samples(problem.parameters, 1) if loose else ():
         unheld = unresisted(loose, problem, problem.stiffness_of(problem.weights(point)))
         if unheld:

@@ -47,21 +47,11 @@ def scenery_of(full: FullOrderModel) -> Scenery:
     """
     discretisation = full.discretisation
     problem = full.problem
-    kind = discretisation.mesh.topology.cell_name()
-    cells = discretisation._cell_nodes()[:, : CORNERS[kind]]
-    flat = problem.block_size == 2
-    cells = (
-        cells[:, TENSOR_ORDER[kind]] if kind in TENSOR_ORDER else cells
-    )  # corners in circular order
-    outer, inside = outer_faces_of_cells(kind, cells)
-    faces = cells if flat else outer
-    owners = np.arange(len(cells)) if flat else inside
-    parts = TRIANGLES_OF_FACES[faces.shape[1]]
-    triangles = np.concatenate([faces[:, list(corners)] for corners in parts])
+    triangles, outer, owners = _drawn(full)
     nodes, places = np.unique(triangles, return_inverse=True)
     number = np.full(len(discretisation._points()), -1)
     number[nodes] = np.arange(len(nodes))
-    drawn = number[outer] if flat else np.zeros((0, 2))
+    drawn = number[outer]
     compliance = problem.contact @ full.pushed_everywhere(np.ones(full.conditions))
     if problem.kernel is not None and full.equilibrium is not None:
         taken = problem.kernel.contact_of_motions
@@ -80,8 +70,39 @@ def scenery_of(full: FullOrderModel) -> Scenery:
         compliance,
         bool(full.scene.shapes),
         _words(full.scene),
-        strains_of(full, np.tile(owners, len(parts))),
+        None if owners is None else strains_of(full, owners),
         mesh=_whole_mesh(full),
+    )
+
+
+def _drawn(full: FullOrderModel) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Triangles, (t, 3), edges of the surface in the plane, (l, 2), cell of each triangle.
+
+    None without cells.
+    """
+    discretisation = full.discretisation
+    if not discretisation.has_mesh:  # of a system without a mesh the surface alone is known
+        cells = full.answer_mesh().cells
+        return (
+            cells[:, [0, 0, 0] if cells.shape[1] == 1 else slice(None)],
+            np.zeros((0, 2), dtype=np.int64),
+            None,
+        )
+    kind = discretisation.mesh.topology.cell_name()
+    cells = discretisation._cell_nodes()[:, : CORNERS[kind]]
+    flat = full.problem.block_size == 2
+    cells = (
+        cells[:, TENSOR_ORDER[kind]] if kind in TENSOR_ORDER else cells
+    )  # corners in circular order
+    outer, inside = outer_faces_of_cells(kind, cells)
+    faces = cells if flat else outer
+    owners = np.arange(len(cells)) if flat else inside
+    parts = TRIANGLES_OF_FACES[faces.shape[1]]
+    triangles = np.concatenate([faces[:, list(corners)] for corners in parts])
+    return (
+        triangles,
+        outer if flat else np.zeros((0, 2), dtype=np.int64),
+        np.tile(owners, len(parts)),
     )
 
 

@@ -23,6 +23,10 @@ EXEMPT_POINTS = 0.01
 """Part of the points that may have larger strains: at the corner of a punch they depend on the
 mesh.
 """
+FLAT = 1e-9
+"""Size of a cell across its largest one up to which it is round-off: pairs of nodes are such
+cells.
+"""
 SAMPLED_CELLS = 20_000
 """Most cells whose strains are evaluated: they estimate the largest hundredth as well as all
 cells.
@@ -87,7 +91,7 @@ def strain_kinds(problem: ContactProblem, *, axisymmetric: bool) -> tuple[Strain
     cells = problem.cell_nodes[:: -(-len(problem.cell_nodes) // SAMPLED_CELLS)]
     corners = problem.points[cells]
     # values at the nodes of each cell to the gradient there, (cells, dim, n)
-    gradients = np.linalg.pinv(corners - corners.mean(axis=1, keepdims=True))
+    gradients = np.linalg.pinv(corners - corners.mean(axis=1, keepdims=True), rcond=FLAT)
     strains = _halves(gradients, 1)
     if axisymmetric:
         radius = corners[:, :, 0].sum(axis=1)

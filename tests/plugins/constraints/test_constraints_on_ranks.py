@@ -98,10 +98,10 @@ yielding = tied(wall=1.0005, pairing=hhr.NodeToSurface,
                 bodies=[hhr.Body(tag, 100.0, 0.3, law) for tag, law in laws])
 yielding = replace(yielding, bodies=tuple(yielding.bodies),
                    loads=(*yielding.loads, hhr.Springs(200 + TOP, 1, 3.0)))
-path = [(float(k), [p]) for k, p in enumerate((0.1, 0.5, 1.0))]
+steps = [(float(k), [p]) for k, p in enumerate((0.1, 0.5, 1.0))]
 for search in ("elastic", "tangent") if {laws} else ():
     settings = hhr.MarchSettings(search=search)
-    last = hhr.FullOrderModel(yielding).march(path, settings).answers[-1]
+    last = hhr.FullOrderModel(yielding).march(steps, settings).answers[-1]
     out["laws, forces " + search] = last.forces().tolist()
     out["laws, flowed " + search] = float(np.linalg.norm(last.plastic_strain()))
 if comm.rank == 0:
@@ -185,8 +185,8 @@ for value in (0.0, "0.002 * p"):
     for again in (0, 1):
         store = hhr.SnapshotStore({folder!r}, full)
         hhr.compute_snapshots(full, np.array([[0.4, 0.01]]), store=store)
-        # the store knows an answer by a fingerprint, which is that of all ranks
-        assert store.found == again, (store.found, again)
+        why = "the store knows an answer by a fingerprint that is that of all ranks"
+        assert store.found == again, why
 every = comm.allgather((out, fallen))
 assert all(one == every[0] for one in every), every
 if comm.rank == 0:

@@ -15,8 +15,8 @@ E = 1000.0  # a number by its name
 steel = DEFI_MATERIAU(ELAS=_F(E=E, NU=0.0, RHO=2 * 1.0))
 mesh = LIRE_MAILLAGE(FORMAT="MED", UNITE=20)
 model = AFFE_MODELE(MAILLAGE=mesh, AFFE=_F(TOUT="OUI", PHENOMENE="MECANIQUE", MODELISATION="3D"))
-pair = (_F(GROUP_MA="LOWER", MATER=steel), _F(GROUP_MA="UPPER", MATER=(steel,)))
-fields = AFFE_MATERIAU(MAILLAGE=mesh, AFFE=pair)
+fields = AFFE_MATERIAU(MAILLAGE=mesh, AFFE=(_F(GROUP_MA="LOWER", MATER=steel),
+                                            _F(GROUP_MA="UPPER", MATER=(steel,))))
 held = AFFE_CHAR_CINE(
     MODELE=model,
     MECA_IMPO=(_F(GROUP_MA="LOWER_Z0", LIAISON="ENCASTRE"), _F(GROUP_NO="UPPER_X0", DX=0.0),

@@ -1,0 +1,186 @@
+"""Condensation of blocks of other codes without a scene: no DOLFINx, PETSc or mesh. A superelement
+needs no factor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.amplitudes import Amplitude
+from hhr_dolfinx.contact.rows import ContactRows, joined
+from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.formulas import Formula
+from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.pairings import Pairing
+from hhr_dolfinx.parameters import ParameterSpace, Place, Tag
+from hhr_dolfinx.plugins.foreign.loads import vector_of
+from hhr_dolfinx.plugins.foreign.parts import Blocks, Parts
+from hhr_dolfinx.plugins.tables.matrices import condense_matrices
+
+
+def condense_blocks(
+    foreign: Blocks,
+    parameters: ParameterSpace,
+    contacts: Sequence[Pairing],
+    *,
+    displacements: Sequence[Any] = (),
+    loads: Sequence[Any] = (),
+    openings: Sequence[Any] = (),
+    outputs: Mapping[str, tuple[Tag | Place, int]] | None = None,
+) -> CondensedModel:
+    """Condense blocks of other codes; the model has forces of each contact as outputs, ``force 0
+    x``.
+
+    Args:
+        foreign: blocks, each with a solved case, with constant factors.
+        parameters: box of the parameters.
+        contacts: contact pairs without laws.
+        displacements: pairs of a set or place and a component, 3 to 5 of rotations, that are held
+            at zero, or each a :class:`~hhr_dolfinx.scene.Displacement`.
+        loads: load vectors of other codes, :class:`ForeignLoad`; with UFL nodal forces, pressures
+            and tractions too.
+        openings: pairs of the index of a contact and an amplitude, or each an
+            :class:`~hhr_dolfinx.scene.Opening`.
+        outputs: mean displacements by name: a set of nodes or a place, and a component.
+
+    Raises:
+        NotOfferedError: for what needs a scene: friction, factors that vary, other loads, blocks
+            without a case.
+        SceneError: for displacements that are not zero, and conditions or loads on dofs that K
+            lacks.
+        NotSolvableError: for a K that is not positive definite.
+    """
+    _check(foreign, contacts)
+    parts = Parts(foreign.blocks)
+    held = _held(parts, displacements)
+    free = np.flatnonzero(parts.known & ~held)
+    surfaces: list[list[Any]] = [[parts.surface(tag) for tag in item.tags] for item in contacts]
+    made = [item.rows(own, held.size) for item, own in zip(contacts, surfaces, strict=True)]
+    rows = joined(made)
+    pairs = np.repeat(np.arange(len(made)), [len(one.gap) for one in made])
+    columns, gaps, amplitudes = _terms(parts, loads, openings, rows, pairs)
+    _check_known(parts, held, rows, columns)
+    factors = [float(Formula(block.formula)({})) for block in foreign.blocks]
+    stiffness = sum(factor * one for factor, one in zip(factors, parts.matrices, strict=True))
+    return condense_matrices(
+        parameters,
+        csr_matrix(stiffness)[free][:, free],
+        rows.matrix[:, free],
+        columns[free],
+        gaps,
+        amplitudes,
+        areas=rows.areas,
+        pairs=pairs,
+        displacement_outputs=_means(parts, outputs or {}, free),
+        force_outputs=_resultants(parts, contacts, rows, pairs),
+    )
+
+
+def _check(foreign: Blocks, contacts: Sequence[Any]) -> None:
+    """Raise NotOfferedError for what needs a scene."""
+    scene = "make a scene of it, foreign.scene(...), and condense that, hhr.condense(scene)"
+    if foreign.unchecked:
+        raise NotOfferedError(
+            f"blocks {', '.join(foreign.unchecked)} have no solved case, which answers must say: "
+            f"{scene}"
+        )
+    if any(block.variables for block in foreign.blocks):
+        raise NotOfferedError(f"a block has a factor that varies: {scene}")
+    if any(
+        getattr(item, "friction", None) is not None or getattr(item, "law", None) is not None
+        for item in contacts
+    ):
+        raise NotOfferedError(f"a contact has friction or another law: {scene}")
+
+
+def _check_known(parts: Parts, held: np.ndarray, rows: ContactRows, columns: np.ndarray) -> None:
+    """Raise SceneError for contact or loads on dofs that K lacks, and that nothing holds."""
+    unknown = ~parts.known & ~held
+    for what, sizes in (
+        ("contact", abs(rows.matrix).max(axis=0).toarray().ravel()),
+        ("a load", abs(columns).max(axis=1)),
+    ):
+        if (lost := np.flatnonzero((sizes > 0) & unknown)).size:
+            raise SceneError(
+                f"{what} acts on {parts.described(lost[0])}, which K does not have: retain this dof"
+            )
+
+
+def _held(parts: Parts, displacements: Sequence[Any]) -> np.ndarray:
+    """Dofs that displacements hold, (N,) bool."""
+    held = np.zeros(3 * len(parts.points), dtype=bool)
+    for item in displacements:
+        tag, component = item if isinstance(item, tuple) else (item.tag, item.component)
+        if not isinstance(item, tuple) and item.amplitude != Amplitude():
+            raise SceneError(f"{item!r} is not zero: make a scene, foreign.scene(...)")
+        nodes = parts.nodes(tag)
+        if component > 2:
+            nodes = parts.turning(nodes)
+            component = component - 3
+        held[3 * nodes + component] = True
+    return held
+
+
+def _terms(
+    parts: Parts,
+    loads: Sequence[Any],
+    openings: Sequence[Any],
+    rows: ContactRows,
+    pairs: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, list[Any]]:
+    """Loads, (N, T), gaps, (m, T), and their amplitudes, the first of which is 1 and has the gaps
+    of the mesh.
+    """
+    columns = [np.zeros(3 * len(parts.points))]
+    gaps = [rows.gap]
+    amplitudes: list[Any] = [1.0]
+    for load in loads:
+        vector = vector_of(load, parts)
+        if vector is None:
+            raise NotOfferedError(
+                f"{load!r} needs a scene: give nodal forces, pressures, tractions or a ForeignLoad"
+            )
+        columns.append(vector)
+        gaps.append(np.zeros(pairs.size))
+        amplitudes.append(_amplitude(load.amplitude))
+    for item in openings:
+        columns.append(np.zeros(3 * len(parts.points)))
+        contact, amplitude = item if isinstance(item, tuple) else (item.contact, item.amplitude)
+        gaps.append((pairs == contact).astype(float))
+        amplitudes.append(_amplitude(amplitude))
+    return np.column_stack(columns), np.column_stack(gaps), amplitudes
+
+
+def _amplitude(given: Any) -> Any:
+    """An amplitude as :func:`condense_matrices` takes it."""
+    return given.text if isinstance(given, Formula) else given
+
+
+def _means(
+    parts: Parts, outputs: Mapping[str, tuple[Any, int]], free: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Rows of mean displacements on free dofs, by name."""
+    found = {}
+    for name, (place, component) in outputs.items():
+        nodes = parts.nodes(place)
+        row = np.zeros(3 * len(parts.points))
+        row[3 * nodes + component] = 1.0 / nodes.size
+        found[name] = row[free]
+    return found
+
+
+def _resultants(
+    parts: Parts, contacts: Sequence[Any], rows: ContactRows, pairs: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Weights of forces whose sums are the resultants on the body of the first surface, by name."""
+    found = {}
+    for place, item in enumerate(contacts):
+        nodes = parts.surface(item.tags[0]).nodes
+        for component, axis in enumerate("xyz"):
+            sums = np.asarray(-rows.matrix[:, 3 * nodes + component].sum(axis=1)).ravel()
+            found[f"force {place} {axis}"] = np.where(pairs == place, sums, 0.0)
+    return found

@@ -1,0 +1,142 @@
+"""Our own stiffness as blocks beside those of other codes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from mpi4py import MPI
+from scipy.sparse import csr_matrix
+from scipy.sparse.linalg import splu
+
+from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.parameters import Tag
+from hhr_dolfinx.plugins.foreign.block import ForeignBlock
+from hhr_dolfinx.plugins.foreign.case import SolvedCase
+from hhr_dolfinx.plugins.foreign.faces import Faces
+from hhr_dolfinx.plugins.foreign.matrix import ForeignMatrix
+from hhr_dolfinx.plugins.foreign.nodes import ForeignNodes
+from hhr_dolfinx.scene import Scene
+
+CIRCULAR = [0, 1, 3, 2]
+"""Corners of a quadrilateral in circular order."""
+
+
+def blocks_of_scene(scene: Scene) -> tuple[ForeignBlock, ...]:
+    """The bodies of a scene in space as blocks: K with all of its dofs, and the surfaces that the
+    scene names.
+
+    Args:
+        scene: scene with elastic bodies of first order and constant moduli; its contacts, loads and
+            displacements give names of surfaces alone.
+
+    Returns:
+        A block for each body, ``body_TAG``, with a load case that our factors have solved; nodes
+        have the numbers of our dofs, from 1 on.
+
+    Raises:
+        NotOfferedError: for scenes in the plane, of second order, or with laws or moduli that vary.
+    """
+    own = any(body.varies or body.law is not None for body in scene.bodies)
+    if scene.hypothesis != "solid" or own or scene.shapes or scene.system is not None:
+        raise NotOfferedError(
+            f"scene '{scene.name}' makes no blocks: a block is a constant K in space, of elastic "
+            "bodies; laws, moduli and "
+            "shapes that vary act in elements, which K no longer has"
+        )
+    made = Discretisation(
+        replace(scene, loads=(), constraints=(), openings=(), outputs=()), MPI.COMM_SELF
+    )
+    if made.order > 1:
+        raise NotOfferedError(
+            f"scene '{scene.name}' has cells of second order, whose faces no block of ours has yet"
+        )
+    stiffness = made.stiffness_terms()[0][0]
+    bodies = made.cell_bodies()
+    cells = made._cell_nodes()
+    surfaces = {str(tag): _faces(made, tag) for tag in dict.fromkeys(_tags(scene))}
+    return tuple(
+        _block(
+            stiffness,
+            made._points(),
+            np.unique(cells[bodies == place]),
+            surfaces,
+            f"body_{body.tag}",
+        )
+        for place, body in enumerate(scene.bodies)
+    )
+
+
+def _block(
+    stiffness: csr_matrix,
+    points: np.ndarray,
+    nodes: np.ndarray,
+    surfaces: dict[str, Faces],
+    name: str,
+) -> ForeignBlock:
+    """The block of some nodes."""
+    place = np.full(len(points), -1)
+    place[nodes] = np.arange(nodes.size)
+    dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
+    labels = np.repeat(nodes + 1, 3)
+    matrix = ForeignMatrix(
+        csr_matrix(stiffness[dofs][:, dofs]), labels, np.tile([1, 2, 3], nodes.size), name
+    )
+    inside = {
+        tag: Faces(tuple(place[part] for part in faces.nodes), faces.inner)
+        for tag, faces in surfaces.items()
+        if (place[faces.members] >= 0).all()
+    }
+    where = ForeignNodes(nodes + 1, points[nodes], inside)
+    return ForeignBlock(matrix, where, case=_case(matrix, where), name=name)
+
+
+def _tags(scene: Scene) -> Iterator[Tag]:
+    """Tags of surfaces that a scene names."""
+    for item in scene.contacts:
+        yield from item.tags
+    for one in (*scene.displacements, *scene.loads):
+        tag = getattr(one, "tag", None)
+        if isinstance(tag, int | str):
+            yield tag
+
+
+def _faces(made: Discretisation, tag: Tag) -> Faces:
+    """Faces of a surface, in circular order."""
+    surface = made.surface(tag)
+    facets = surface.nodes[surface.facets]
+    facets = facets[:, CIRCULAR] if facets.shape[1] == 4 else facets
+    behind = surface.corners.mean(axis=1) - surface.depths[:, None] * surface.outward
+    return Faces((facets.astype(np.int64),), (behind,))
+
+
+def _case(matrix: ForeignMatrix, nodes: ForeignNodes) -> SolvedCase:
+    """Displacements by a force on a node, where three nodes at the ends of the block are held."""
+    points = nodes.points
+    ends = {int(points[:, 0].argmin()), int(points[:, 0].argmax()), int(points[:, 1].argmax())}
+    ends |= {int(points.sum(axis=1).argmin())}
+    free = np.setdiff1d(np.arange(len(points)), sorted(ends))
+    node = int(
+        free[
+            np.linalg.norm(points[free][:, None] - points[sorted(ends)], axis=2)
+            .min(axis=1)
+            .argmax()
+        ]
+    )
+    dofs = (3 * free[:, None] + np.arange(3)).ravel()
+    forces = np.zeros(3 * len(points))
+    forces[3 * node : 3 * node + 3] = 1.0
+    moved = np.zeros(3 * len(points))
+    moved[dofs] = splu(matrix.matrix[dofs][:, dofs].tocsc()).solve(forces[dofs])
+    labels = nodes.labels.tolist()
+    return SolvedCase(
+        {labels[node]: (1.0, 1.0, 1.0)},
+        {
+            label: (x, y, z)
+            for label, (x, y, z) in zip(labels, moved.reshape(-1, 3).tolist(), strict=True)
+        },
+        frozenset((labels[k], direction) for k in ends for direction in (1, 2, 3)),
+        tolerance=1e-8,
+    )

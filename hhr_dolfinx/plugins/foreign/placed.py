@@ -1,0 +1,238 @@
+"""Rows of a foreign K on nodes with three dofs each: displacements, then rotations, then dofs
+without a place.
+
+A problem has three dofs at each node. Rotations of a node are three dofs of another node. Dofs of
+the other code alone, such as incompatible modes, are eliminated exactly if few of them are coupled
+(those of an element are); others become nodes too. Nodes of both kinds lie far away from the block.
+Dofs that K lacks are not free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.plugins.foreign.faces import Faces
+from hhr_dolfinx.plugins.foreign.matrix import ForeignMatrix
+from hhr_dolfinx.plugins.foreign.nodes import ForeignNodes
+
+AWAY = 100.0
+"""Distance of nodes without a place over the size of their block: no output that names a place
+finds them.
+"""
+MOST = 60
+"""Number of coupled dofs without a place up to which they are eliminated: an element has up to
+39.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A block on nodes with three dofs each.
+
+    Attributes:
+        matrix: K of all dofs, (3 n, 3 n), zero in rows that the other code left out.
+        known: dofs that K has, (3 n,) bool.
+        nodes: nodes with places, the first ones.
+        points: coordinates of all nodes, (n, 3); of those without a place far away.
+        turning: node whose dofs are the rotations of each node with a place, -1 without, (p,).
+        source: name of the file of K.
+    """
+
+    matrix: csr_matrix
+    known: np.ndarray
+    nodes: ForeignNodes
+    points: np.ndarray
+    turning: np.ndarray
+    source: str
+
+    @property
+    def motions(self) -> np.ndarray:
+        """Rigid motions of all dofs, (6, 3 n): translations and rotations about the origin of
+        coordinates.
+
+        Dofs without a place follow the others without force.
+        """
+        count = len(self.points)
+        found = np.zeros((6, count, 3))
+        placed = len(self.nodes.labels)
+        turned = np.flatnonzero(self.turning >= 0)
+        for axis in range(3):
+            found[axis, :placed, axis] = 1.0
+            way = np.eye(3)[axis]
+            found[3 + axis, :placed] = np.cross(way, self.points[:placed])
+            found[3 + axis, self.turning[turned]] = way
+        motions = found.reshape(6, -1)
+        hidden = np.zeros(3 * count, dtype=bool)
+        hidden[3 * (placed + turned.size) :] = True
+        hidden &= self.known
+        if hidden.any():
+            motions[:, hidden] = self._followed(motions, hidden)
+        return motions
+
+    def _followed(self, motions: np.ndarray, hidden: np.ndarray) -> np.ndarray:
+        """Values of dofs without a place for motions of the others, (6, h)."""
+        from scipy.sparse.linalg import splu
+
+        rows = self.matrix[hidden]
+        pull = rows[:, ~hidden] @ motions[:, ~hidden].T
+        return -splu(rows[:, hidden].tocsc()).solve(np.asarray(pull)).T
+
+
+def placed(given: ForeignMatrix, nodes: ForeignNodes) -> Placed:
+    """Rows of a matrix on the nodes of its block.
+
+    Args:
+        given: checked matrix.
+        nodes: nodes beside it; of a superelement those without rows are left out.
+
+    Raises:
+        SceneError: if no row is a displacement of a node.
+    """
+    nodes = _retained(nodes, given) if given.superelement else nodes
+    place = _places(given, nodes)
+    if not (place >= 0).any():
+        raise SceneError(
+            f"no row of {given.source} is a dof of the {len(nodes.labels)} nodes beside it: rows "
+            "are of nodes "
+            f"{given.nodes.min()} to {given.nodes.max()}, and these have labels "
+            f"{nodes.labels.min()} to "
+            f"{nodes.labels.max()}. Give the nodes of the same run"
+        )
+    matrix, place = _without_inner(given.matrix, place)
+    count = len(nodes.labels)
+    turned = np.unique(place[place >= 3 * count] // 3) - count
+    turning = np.full(count, -1)
+    turning[turned] = count + np.arange(turned.size)
+    rotation = place >= 3 * count
+    where = np.where(
+        rotation, 3 * turning[np.where(rotation, place // 3 - count, 0)] + place % 3, place
+    )
+    rest = np.flatnonzero(place < 0)
+    where[rest] = 3 * (count + turned.size) + np.arange(rest.size)
+    every = count + turned.size + -(-rest.size // 3)
+    entries = matrix.tocoo()
+    whole = csr_matrix(
+        (entries.data, (where[entries.row], where[entries.col])), shape=(3 * every, 3 * every)
+    )
+    known = np.zeros(3 * every, dtype=bool)
+    known[where] = True
+    away = np.full(
+        (every - count, 3),
+        nodes.points.mean(axis=0) + AWAY * (np.ptp(nodes.points, axis=0).max() or 1.0),
+    )
+    return Placed(whole, known, nodes, np.vstack([nodes.points, away]), turning, given.source)
+
+
+def _places(given: ForeignMatrix, nodes: ForeignNodes) -> np.ndarray:
+    """Dof of each row: 3 n + direction for displacements of node n, 3 (p + n) + direction for
+    rotations, else -1.
+    """
+    count = len(nodes.labels)
+    direction = given.directions - 1
+    place = np.full(len(given.nodes), -1, dtype=np.int64)
+    if given.sequence and nodes.original is not None:
+        index = _in_sequence(given, nodes)
+    else:
+        order = np.argsort(nodes.labels)
+        at = np.searchsorted(nodes.labels, given.nodes, sorter=order)
+        at = order[np.minimum(at, count - 1)]
+        index = np.where(nodes.labels[at] == given.nodes, at, -1)
+    own = (index >= 0) & (direction >= 0)
+    turn = direction >= 3
+    place[own] = 3 * (index + count * turn)[own] + (direction - 3 * turn)[own]
+    return place
+
+
+def _in_sequence(given: ForeignMatrix, nodes: ForeignNodes) -> np.ndarray:
+    """Node of each row, (rows,), where a label stands for several nodes in ascending order; -1 if
+    that is ambiguous.
+
+    Of a label with a row for each of its nodes in some direction the rows are theirs in turn. Where
+    an MPC or a support has removed some of them, nobody says which ones are left: these have no
+    place.
+    """
+    index = np.full(len(given.nodes), -1)
+    own: dict[int, list[int]] = {}
+    for k in np.argsort(nodes.labels, kind="stable"):
+        own.setdefault(int(nodes.decks[k]), []).append(int(k))
+    rows: dict[tuple[int, int], list[int]] = {}
+    for row, key in enumerate(zip(given.nodes.tolist(), given.directions.tolist(), strict=True)):
+        rows.setdefault(key, []).append(row)
+    for (label, direction), found in rows.items():
+        nodes_of = own.get(label, [])
+        if direction <= 3 and len(found) == len(nodes_of):
+            index[found] = nodes_of
+    return index
+
+
+def _retained(nodes: ForeignNodes, given: ForeignMatrix) -> ForeignNodes:
+    """Nodes that have rows, with the faces and sets that they make."""
+    kept = np.flatnonzero(np.isin(nodes.labels, given.nodes))
+    number = np.full(len(nodes.labels), -1)
+    number[kept] = np.arange(kept.size)
+
+    def of(faces: Faces) -> Faces | None:
+        held = [(number[part] >= 0).all(axis=1) for part in faces.nodes]
+        pairs = [
+            (number[part[own]], behind[own])
+            for part, behind, own in zip(faces.nodes, faces.inner, held, strict=True)
+            if own.any()
+        ]
+        return (
+            Faces(tuple(part for part, _ in pairs), tuple(behind for _, behind in pairs))
+            if pairs
+            else None
+        )
+
+    surfaces = {name: made for name, own in nodes.surfaces.items() if (made := of(own)) is not None}
+    sets = {name: number[own][number[own] >= 0] for name, own in nodes.sets.items()}
+    outer = None if nodes.outer is None else of(nodes.outer)
+    labels = nodes.labels[kept]
+    points = nodes.points[kept]
+    return ForeignNodes(
+        labels, points, surfaces, {name: own for name, own in sets.items() if own.size}, outer=outer
+    )
+
+
+def _without_inner(matrix: csr_matrix, place: np.ndarray) -> tuple[csr_matrix, np.ndarray]:
+    """K and places without small groups of coupled dofs that have no place: K_oo - K_oi K_ii^-1
+    K_io.
+    """
+    inner = np.flatnonzero(place < 0)
+    if not inner.size:
+        return matrix, place
+    part = matrix[inner][:, inner]
+    _, label = connected_components(part, directed=False)
+    sizes = np.bincount(label)
+    gone = inner[sizes[label] <= MOST]
+    if not gone.size:
+        return matrix, place
+    kept = np.setdiff1d(np.arange(len(place)), gone)
+    inverse = _inverse_of_blocks(matrix[gone][:, gone].tocsr())
+    coupling = matrix[gone][:, kept].tocsr()
+    outer = matrix[kept][:, kept] - coupling.T @ (inverse @ coupling)
+    return csr_matrix((outer + outer.T) / 2), place[kept]
+
+
+def _inverse_of_blocks(matrix: csr_matrix) -> csr_matrix:
+    """Inverse of a symmetric matrix of small blocks, sparse."""
+    count, label = connected_components(matrix, directed=False)
+    order = np.argsort(label, kind="stable")
+    starts = np.concatenate([[0], np.cumsum(np.bincount(label, minlength=count))])
+    rows = []
+    columns = []
+    values = []
+    for first, last in pairwise(starts.tolist()):
+        own = order[first:last]
+        block = np.linalg.inv(matrix[own][:, own].toarray())
+        rows.append(np.repeat(own, own.size))
+        columns.append(np.tile(own, own.size))
+        values.append(block.ravel())
+    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
+    return csr_matrix(entries, shape=matrix.shape)

@@ -1,0 +1,358 @@
+"""A scene file from a deck and the stiffness that its code wrote: ``hhr start part.inp --stiffness
+part.sti``.
+
+Of the deck supports, nodal forces, pressures and contact pairs are read, those of the last step;
+elements and materials are in K. What has no counterpart is a TODO line.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from hhr_dolfinx.errors import FileContentError, SceneError
+from hhr_dolfinx.geometries.abaqus_blocks import DeckContents, blocks, name_of_loaded
+from hhr_dolfinx.geometries.abaqus_deck import flat_deck
+from hhr_dolfinx.plugins.foreign.faces import Faces
+from hhr_dolfinx.plugins.foreign.nodes import (
+    ForeignNodes,
+    read_nodes,
+    solids_of_deck,
+    thin_elements,
+)
+from hhr_dolfinx.plugins.foreign.readers import read_stiffness
+
+MOST = 3
+"""Most loads that become parameters."""
+AROUND = 0.2
+"""Part of its value by which a parameter varies to both sides."""
+FLAT = 1e-9
+"""Part of the size of a surface up to which it is a plane."""
+OF_ELEMENTS = (
+    "NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "MATERIAL", "ELASTIC", "DENSITY",
+    "SOLID SECTION", "SHELL SECTION", "BEAM SECTION", "SURFACE INTERACTION", "SURFACE BEHAVIOR",
+    "ORIENTATION", "HEADING", "STEP", "END STEP", "STATIC", "CONTACT FILE",
+    "TRANSVERSE SHEAR STIFFNESS", "NODAL THICKNESS", "CONTROLS", "RESTART", "TIME POINTS",
+)  # fmt: skip
+"""Keywords that are in K, or have no effect."""
+RESULTS = ("PRINT", "FILE", "OUTPUT")
+"""Ends of keywords that choose results."""
+
+
+@dataclass
+class Read:
+    """Parts of a scene as text of Python, filled block by block.
+
+    Attributes:
+        displacements, loads, contacts, openings: items of the scene.
+        values: value in the deck of each parameter by its name.
+        left: TODO lines.
+    """
+
+    displacements: list[str] = field(default_factory=list)
+    loads: list[str] = field(default_factory=list)
+    contacts: list[str] = field(default_factory=list)
+    openings: list[str] = field(default_factory=list)
+    values: dict[str, float] = field(default_factory=dict)
+    left: list[str] = field(default_factory=list)
+
+    def amplitude(self, kind: str, value: float) -> str:
+        """Parameter for a load of a value, as text; the number itself if there are parameters
+        enough.
+        """
+        if len(self.values) == MOST:
+            return repr(value)
+        name = kind if kind not in self.values else f"{kind}_{len(self.values) + 1}"
+        self.values[name] = value
+        return f'"{name}"'
+
+
+def scene_text(
+    file: Path, stiffness: Path, target: Path, case: Path | None, dofs: Path | None
+) -> tuple[str, list[str]]:
+    """Text of a scene file, and its TODO lines.
+
+    Args:
+        file: deck with surfaces, supports, loads and contact.
+        stiffness: K of the same mesh.
+        target: the scene file, to whose folder the text refers.
+        case: solved case; None for an unchecked K.
+        dofs: table of dofs of the stiffness, if it needs one.
+
+    Raises:
+        FileContentError: for a deck or a stiffness that cannot be read.
+        SceneError: for a deck without contact.
+    """
+    deck = flat_deck(file)
+    results = _results(deck, file, case)
+    nodes = read_nodes(file, results)
+    solids = solids_of_deck(deck)
+    in_k = set(read_stiffness(stiffness, dofs).nodes.tolist())
+    read = Read()
+    held = _supports(file, deck, in_k, read)
+    for line, keyword, options, rows in blocks(file):
+        where = f"{file.name}:{line}"
+        if keyword in ("CLOAD", "DLOAD", "DSLOAD") and rows:
+            _loads(read, where, keyword, line, rows, nodes)
+        elif keyword == "CONTACT PAIR":
+            _contact(read, where, rows, (nodes, solids), held, _friction(file, options))
+        elif keyword not in (*OF_ELEMENTS, "BOUNDARY", "FRICTION") and not keyword.endswith(
+            RESULTS
+        ):
+            read.left.append(
+                f"TODO {where} *{keyword}: not read beside a stiffness; if it changes K, it is in K"
+            )
+        if keyword == "STEP" and "NLGEOM" in options:
+            read.left.append(f"TODO {where} *STEP, NLGEOM: displacements are small here")
+    if not read.contacts:
+        raise SceneError(
+            f"{file.name}: a scene needs a contact pair, and no *CONTACT PAIR of it has a "
+            "counterpart. Name the surface "
+            "and a fixed plate in the deck" + "".join(f". {line}" for line in read.left)
+        )
+    files = {"results": results, "case": case, "dofs": dofs}
+    return _text(file, stiffness, target, files, read), read.left
+
+
+def _results(deck: DeckContents, file: Path, case: Path | None) -> Path | None:
+    """Results with the nodes of shells and beams: those of the solved case; None for a deck of
+    solids.
+    """
+    if not thin_elements(deck):
+        return None
+    return (file if case is None or case.suffix.lower() != ".inp" else case).with_suffix(".frd")
+
+
+def _supports(file: Path, deck: DeckContents, in_k: set[int], read: Read) -> set[int]:
+    """Read ``*BOUNDARY``; the nodes that are held in all directions."""
+    held: dict[int, set[int]] = {}
+    for line, keyword, _, rows in blocks(file):
+        if keyword != "BOUNDARY":
+            continue
+        for row in rows:
+            words = [word for word in row if word]
+            members = deck.members(words[0].upper()) or (
+                [int(words[0])] if words[0].isdigit() else []
+            )
+            first = int(words[1])
+            last = int(words[2]) if len(words) > 2 and words[2].isdigit() else first
+            value = float(words[3]) if len(words) > 3 else 0.0
+            for node in members:
+                held.setdefault(node, set()).update(range(first, last + 1))
+            if not in_k & set(members) and not _is_fixed_in_k(members, in_k, deck):
+                continue  # of a tool that is not in K
+            for component in range(first, min(last, 3) + 1):
+                amplitude = f", {read.amplitude('displacement', value)}" if value else ""
+                read.displacements.append(
+                    f"hhr.Displacement({_tag(words[0])}, {component - 1}{amplitude}),  # "
+                    f"{file.name}:{line}"
+                )
+    return {node for node, own in held.items() if {1, 2, 3} <= own}
+
+
+def _is_fixed_in_k(members: Sequence[int], in_k: set[int], deck: DeckContents) -> bool:
+    """True if nodes belong to an element with nodes of K: they are held there, and left out of
+    it.
+    """
+    own = set(members)
+    return any(own & set(nodes) and in_k & set(nodes) for nodes in deck.whole.values())
+
+
+def _tag(word: str) -> str:
+    """A node or a set as Python."""
+    return word if word.isdigit() else repr(word).replace("'", '"')
+
+
+def _loads(
+    read: Read, where: str, keyword: str, line: int, rows: list[list[str]], nodes: ForeignNodes
+) -> None:  # fmt: skip
+    """Read a block of forces or pressures; forces of one node or set are one load."""
+    forces: dict[str, np.ndarray] = {}
+    for row in rows:
+        words = [word for word in row if word]
+        if keyword == "CLOAD":
+            if int(words[1]) > 3:
+                read.left.append(
+                    f"TODO {where} *CLOAD: a moment; write the load vector, ForeignLoad"
+                )
+                continue
+            forces.setdefault(words[0], np.zeros(3))[int(words[1]) - 1] += float(words[2])
+            continue
+        name = words[0] if keyword == "DSLOAD" else name_of_loaded(f"DLOAD:{line}", row[1:])
+        known = {one.upper(): one for one in nodes.surfaces}
+        if not re.fullmatch(r"P\d?", words[1].upper()) or name.upper() not in known:
+            read.left.append(
+                f"TODO {where} *{keyword} {words[1]}: write its load vector in the other code, "
+                "and give it as ForeignLoad"
+            )
+            continue
+        amplitude = read.amplitude("pressure", float(words[2]))
+        read.loads.append(f'hhr.Pressure("{known[name.upper()]}", {amplitude}),  # {where}')
+    for word, force in forces.items():
+        size = float(np.abs(force).max())
+        vector = tuple((force / size).tolist())
+        read.loads.append(
+            f"hhr.NodalForce({_tag(word)}, {vector}, {read.amplitude('force', size)}),  # {where}"
+        )
+
+
+def _friction(file: Path, options: dict[str, str]) -> float:
+    """Coefficient of friction of the interaction of a pair; 0 without."""
+    inside = ""
+    for _, keyword, own, rows in blocks(file):
+        if keyword == "SURFACE INTERACTION":
+            inside = own.get("NAME", "").upper()
+        elif keyword == "FRICTION" and inside == options.get("INTERACTION", "").upper():
+            return float(rows[0][0])
+    return 0.0
+
+
+def _contact(
+    read: Read, where: str, rows: list[list[str]], given: tuple[ForeignNodes, ForeignNodes],
+    held: set[int], friction: float,
+) -> None:  # fmt: skip
+    """Read a pair: a plane for a master that is held, two surfaces otherwise."""
+    nodes, solids = given  # nodes of K, and of the deck as it is, which has rigid plates too
+    surfaces = {name.upper(): name for name in nodes.surfaces}
+    fixed = {name.upper(): own for name, own in solids.surfaces.items()}
+    sets = {name.upper(): name for name in nodes.sets}
+    slave, master = (word.upper() for word in [word for word in rows[0] if word][:2])
+    rub = f", friction={friction!r}" if friction else ""
+    if master not in {**surfaces, **fixed} or slave not in {**surfaces, **sets}:
+        read.left.append(
+            f"TODO {where} *CONTACT PAIR {slave}, {master}: no faces of nodes that are there"
+        )
+        return
+    faces = fixed.get(master)
+    if faces is not None and set(solids.decks[faces.members].tolist()) <= held:
+        plane = _plane(solids, faces)
+        if plane is None:
+            read.left.append(
+                f"TODO {where} *CONTACT PAIR {slave}, {master}: the held surface is no plane; "
+                "give it as a RigidMesh"
+            )
+            return
+        normal, offset = plane
+        said = f"{tuple(normal.tolist())}"
+        if slave in surfaces:
+            read.contacts.append(
+                f'hhr.Obstacle("{surfaces[slave]}", {said}, {offset!r}{rub}),  # {where}'
+            )
+        else:
+            read.contacts.append(
+                f'hhr.NodesToGround("{sets[slave]}", {said}, plane={offset!r}{rub}),  # {where}'
+            )
+        return
+    if slave not in surfaces:
+        read.left.append(
+            f"TODO {where} *CONTACT PAIR {slave}: a slave of nodes on a body needs faces, "
+            "TYPE=ELEMENT"
+        )
+        return
+    read.contacts.append(f'hhr.Mortar("{surfaces[slave]}", "{surfaces[master]}"{rub}),  # {where}')
+
+
+def _plane(nodes: ForeignNodes, faces: Faces) -> tuple[np.ndarray, float] | None:
+    """Normal into a flat surface, (3,), and its offset, n·x; None for a surface that is not
+    flat.
+    """
+    points = nodes.points[faces.members]
+    middle = points.mean(axis=0)
+    _, sizes, ways = np.linalg.svd(points - middle)
+    if sizes[-1] > FLAT * sizes[0] + 1e-12 * np.abs(points).max():
+        return None
+    behind = np.concatenate(faces.inner).mean(axis=0) - middle
+    normal = ways[-1] * np.sign(ways[-1] @ behind)
+    normal = np.round(normal, 12) + 0.0
+    return normal, float(f"{normal @ middle:.12g}")
+
+
+def _text(
+    file: Path, stiffness: Path, target: Path, files: dict[str, Path | None], read: Read
+) -> str:
+    """The scene file; ``files`` are arguments of the block."""
+    folder = target.absolute().parent
+
+    def path(one: Path) -> str:
+        return f'HERE / "{Path(os.path.relpath(one.absolute(), folder)).as_posix()}"'
+
+    stem = re.sub(r"\W", "_", file.stem)
+    stem = stem if stem.isidentifier() else f"deck_{stem}"
+    block = [f"{path(stiffness)},", f"{path(file)},"]
+    block += [f"{name}={path(one)}," for name, one in files.items() if one is not None]
+    block += ["unchecked=True,"] if files["case"] is None else []
+    if not read.values:
+        read.values["lift"] = 0.0
+        read.openings.append('hhr.Opening(0, hhr.Amplitude(slopes={"lift": 1.0})),')
+    outputs = ["hhr.UncheckedStiffness(),"] if files["case"] is None else []
+    for number in range(len(read.contacts)):
+        outputs.append(f'hhr.LargestPressure("largest pressure {number}", contact={number}),')
+        outputs += [
+            f'hhr.ContactForce("force {number} {axis}", contact={number}, direction={tuple(way)}),'
+            for axis, way in zip("xyz", np.eye(3).tolist(), strict=True)
+        ]
+    lines = [
+        f'"""Scene of {file.name} with the stiffness {stiffness.name}, written by hhr start.',
+        "",
+    ]
+    lines += [
+        f"    hhr solve {target.name}    # the middle of the box, which is the state of the deck"
+    ]
+    lines += [f"    hhr reduce {target.name}   # a model of all of the box", '"""', ""]
+    lines += [
+        "from pathlib import Path",
+        "",
+        "import hhr_dolfinx as hhr",
+        "",
+        "HERE = Path(__file__).parent",
+    ]
+    lines += [f"# {left}" for left in read.left]
+    lines += [
+        "",
+        "foreign = hhr.ForeignStiffness(",
+        "    hhr.ForeignBlock(",
+        *(f"        {one}" for one in block),
+    ]
+    lines += ["    )", ")", "scene = foreign.scene(", f'    "{stem}",']
+    parts = {"contacts": read.contacts, "displacements": read.displacements, "loads": read.loads}
+    for name, items in {**parts, "openings": read.openings, "outputs": outputs}.items():
+        if items:
+            lines += [f"    {name}=(", *(f"        {item}" for item in items), "    ),"]
+    lines += [*_space(read.values), ")"]
+    return "\n".join(lines) + "\n"
+
+
+def _space(values: dict[str, float]) -> Iterator[str]:
+    """Lines of the box of parameters."""
+    ends = [
+        sorted(((1 - AROUND) * value, (1 + AROUND) * value)) if value else [-0.001, 0.001]
+        for value in values.values()
+    ]
+    names = ", ".join(f'"{name}"' for name in values)
+    lower, upper = (", ".join(f"{end[k]:.12g}" for end in ends) for k in (0, 1))
+    yield "    parameters=hhr.ParameterSpace("
+    yield f"        ({names},), lower=({lower},), upper=({upper},)"
+    yield "    ),"
+
+
+def write_scene(
+    file: Path, stiffness: Path, target: Path, case: Path | None, dofs: Path | None
+) -> list[str]:
+    """Write a scene file; its TODO lines.
+
+    Args:
+        file, stiffness, target, case, dofs: see :func:`scene_text`.
+    """
+    from hhr_dolfinx.files import replacing
+
+    if case is not None and not case.is_file():
+        raise FileContentError(f"there is no solved case {case}")
+    text, left = scene_text(file, stiffness, target, case, dofs)
+    with replacing(target, text=True) as out:
+        out.write(text)
+    return left
