@@ -317,8 +317,8 @@ class Answer(NamedTuple):
 
     def __str__(self) -> str:
         """The same line, and one for each output of the scene with its unit."""
-        known = self.converged and self.fields.functionals is not None
-        return f"{self!r}\n{self.outputs()}" if known else repr(self)
+        has_outputs = self.converged and self.fields.functionals is not None
+        return f"{self!r}\n{self.outputs()}" if has_outputs else repr(self)
 
     def _repr_html_(self) -> str:
         return table("Answer", self.facts())

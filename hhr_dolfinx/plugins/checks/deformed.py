@@ -147,13 +147,13 @@ def _closing(mesh: AnswerMesh, factor: float, pairs: list[_Pair]) -> np.ndarray:
             shift = -factor * pair.opening + (1 - factor) * pair.drawn * pair.closed
             conditions.setdefault(pair.slave, []).append((pair.normal, shift))
     shifts = np.zeros_like(mesh.points)
-    largest = max((abs(t) for items in conditions.values() for _, t in items), default=0.0)
+    largest = max((abs(t) for at_node in conditions.values() for _, t in at_node), default=0.0)
     if largest < VISIBLE * extent:
         return shifts
     nodes = np.array(list(conditions))
-    for node, items in conditions.items():
-        normals = np.array([normal for normal, _ in items])
-        shifts[node] = np.linalg.lstsq(normals, np.array([t for _, t in items]), rcond=None)[0]
+    for node, at_node in conditions.items():
+        normals = np.array([normal for normal, _ in at_node])
+        shifts[node] = np.linalg.lstsq(normals, np.array([t for _, t in at_node]), rcond=None)[0]
     _follow(mesh, shifts, nodes)
     return shifts
 

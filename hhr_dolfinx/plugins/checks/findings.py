@@ -80,5 +80,5 @@ class SceneCheck:
                 yield
             except HHRError as error:
                 self.say(str(error), MISTAKE)
-        for item in caught:
-            self.note(item.message)
+        for warning in caught:
+            self.note(warning.message)

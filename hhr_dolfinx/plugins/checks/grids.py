@@ -69,12 +69,12 @@ def to_pyvista(answer: Answer, full: Meshed | None = None) -> pyvista.MultiBlock
         "gap": gaps(answer, meshed),
         "status": statuses(answer, meshed).astype(float),
     }
-    for place, name in enumerate(contact_names(meshed)):
-        surface = contact_surface(mesh, place, mesh.points)
+    for contact, name in enumerate(contact_names(meshed)):
+        surface = contact_surface(mesh, contact, mesh.points)
         nodes = surface.point_data["node"]
         surface.point_data["displacement"] = field[nodes]
         for key, of_conditions in values.items():
-            surface.point_data[key] = at_slaves(mesh, place, of_conditions)[nodes]
+            surface.point_data[key] = at_slaves(mesh, contact, of_conditions)[nodes]
         blocks.append(surface, name)
     return blocks
 
@@ -123,9 +123,9 @@ def surface_of(points: np.ndarray, facets: np.ndarray) -> pyvista.PolyData:
     nodes, index = np.unique(facets, return_inverse=True)
     width = facets.shape[1]
     connected = np.insert(index.reshape(-1, width), 0, width, axis=1).ravel()
-    places = in_space(points[nodes])
+    positions = in_space(points[nodes])
     kind = {"lines": connected} if width == 2 else {"faces": connected}
-    surface = pyvista.PolyData(places, **kind)
+    surface = pyvista.PolyData(positions, **kind)
     surface.point_data["node"] = nodes
     return surface
 

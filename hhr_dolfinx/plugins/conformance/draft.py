@@ -93,8 +93,8 @@ class NodesBetween(NamedTuple):
 
     def nodes(self, points: np.ndarray) -> np.ndarray:
         """See :class:`~hhr_dolfinx.parameters.Place`."""
-        inside = (points[:, 1] > self.lower) & (points[:, 1] < self.upper)
-        return np.flatnonzero(inside & np.isclose(points[:, 0], self.along, atol=1e-6))
+        between = (points[:, 1] > self.lower) & (points[:, 1] < self.upper)
+        return np.flatnonzero(between & np.isclose(points[:, 0], self.along, atol=1e-6))
 
 
 class Kind(NamedTuple):
@@ -180,15 +180,15 @@ class SceneDraft:
 
     def of_hypothesis(self, hypothesis: str) -> SceneDraft:
         """The draft of another hypothesis than plane strain."""
-        known = self.kind.hypothesis
-        other = known not in ("plane_strain", hypothesis)
-        self.exclude(other, f"a scene is {known} or {hypothesis}, not both")
+        chosen = self.kind.hypothesis
+        conflict = chosen not in ("plane_strain", hypothesis)
+        self.exclude(conflict, f"a scene is {chosen} or {hypothesis}, not both")
         return replace(self, kind=self.kind._replace(hypothesis=hypothesis))
 
     def of_element(self, element: str) -> SceneDraft:
         """The draft with an element of second order."""
-        known = self.kind.element
-        self.exclude(known not in ("", element), f"elements are {known} or {element}, not both")
+        chosen = self.kind.element
+        self.exclude(chosen not in ("", element), f"elements are {chosen} or {element}, not both")
         return replace(self, kind=self.kind._replace(element=element))
 
     def of_simplices(self) -> SceneDraft:
@@ -244,8 +244,8 @@ class SceneDraft:
 
     def with_pairing(self, pairing: Callable[..., Pairing]) -> SceneDraft:
         """The draft with another pairing of the blocks, on meshes that do not match."""
-        other = self.pairing not in (None, pairing)
-        self.exclude(other, "the surfaces of the blocks are paired in one way")
+        conflict = self.pairing not in (None, pairing)
+        self.exclude(conflict, "the surfaces of the blocks are paired in one way")
         return replace(self.of_other_meshes(), pairing=pairing)
 
     def with_contact_law(self, **law: float | str | PairLaw) -> SceneDraft:
@@ -281,9 +281,9 @@ class SceneDraft:
             bodies=self.bodies,
             contacts=contacts,
             parameters=ParameterSpace(
-                tuple(one.name for one in space),
-                tuple(one.lower for one in space),
-                tuple(one.upper for one in space),
+                tuple(parameter.name for parameter in space),
+                tuple(parameter.lower for parameter in space),
+                tuple(parameter.upper for parameter in space),
             ),
             displacements=(*self._imposed(), *self.displacements),
             loads=(*self._loads(), *self.loads),
@@ -300,7 +300,7 @@ class SceneDraft:
 
         Parameters that are constant on it have their value, or are at a share of their range.
         """
-        columns = [one.along(scale, share) for one in self._space()]
+        columns = [parameter.along(scale, share) for parameter in self._space()]
         return [(float(k), point) for k, point in enumerate(np.column_stack(columns))]
 
     def model(self, scene: Scene) -> AnsweringModel:
@@ -314,14 +314,14 @@ class SceneDraft:
         lower = (12, 3) if dim == 2 else (6, 2, 2)
         upper = lower if matching else (7, 3) if dim == 2 else (3, 2, 3)
         left, right = self.flanks
-        made = partial(
+        blocks = partial(
             two_blocks,
             first=((LEFT_END, 0.0, 0.0)[:dim], (RIGHT_END, 1.0, 1.0)[:dim], lower),
             second=((left, 1.0, 0.0)[:dim], (right, 2.0, 1.0)[:dim], upper),
             simplices=self.kind.simplices,
             warp=rounded,
         )
-        return made if self.meshed is None else self.meshed(made)
+        return blocks if self.meshed is None else self.meshed(blocks)
 
     def _space(self) -> tuple[Varied, ...]:
         push = Varied("push", -0.004, 0.06, tuple(0.05 * share for share in COURSE))
@@ -354,11 +354,11 @@ class SceneDraft:
         return (self.pairing or self.usual or facing)(upper, lower, **self.law)
 
     def _outputs(self) -> tuple[Output, ...]:
-        inside = tuple(map(float, self.at(BESIDE, 1 / 3 if self.dimension == 2 else 0.5)))
+        point = tuple(map(float, self.at(BESIDE, 1 / 3 if self.dimension == 2 else 0.5)))
         return (
             ContactForce("force", 0, self.vector(0.0, 1.0)),
-            DisplacementAt("sunk", inside, 1, tag=FIRST),
-            DisplacementAt("moved", inside, 0, tag=FIRST),
+            DisplacementAt("sunk", point, 1, tag=FIRST),
+            DisplacementAt("moved", point, 0, tag=FIRST),
         )
 
 
@@ -387,7 +387,9 @@ class ChosenSwitch(NamedTuple):
 
 def switches() -> dict[str, Switch]:
     """Switches of all plug-ins by name."""
-    return {name: registry.load(place) for name, place in registry.named("switches").items()}
+    return {
+        name: registry.load(import_path) for name, import_path in registry.named("switches").items()
+    }
 
 
 def has_neutral(switch: Switch) -> bool:
@@ -408,8 +410,8 @@ def composed(chosen: Iterable[ChosenSwitch], start: SceneDraft | None = None) ->
     chosen = tuple(chosen)
     while True:
         draft = start
-        for one in chosen:
-            draft = one.applied(draft)
+        for switch in chosen:
+            draft = switch.applied(draft)
         if draft.kind == start.kind:
             return draft
         start = replace(start, kind=draft.kind)

@@ -43,8 +43,12 @@ int ask(int count, const double *points, double *forces) {
 
 def compilable(plugin: str) -> bool:
     """True if a plug-in of laws brings C functions, and a compiler ``cc`` is there."""
-    known = registry.installed()
-    return NEEDED in known and "kernel" in known[plugin].facets and shutil.which("cc") is not None
+    installed = registry.installed()
+    return (
+        NEEDED in installed
+        and "kernel" in installed[plugin].facets
+        and shutil.which("cc") is not None
+    )
 
 
 def in_c(model: Any, path: Sequence[tuple[float, np.ndarray]]) -> np.ndarray | str:

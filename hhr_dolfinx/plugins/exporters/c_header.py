@@ -95,10 +95,10 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
         "MODEL_TITLE", name
     )
     text = text.replace("/*DATA*/", _Data(tree, arrays.arrays).text())
-    own = {"model_": f"{name}_", "MODEL_": f"{name.upper()}_"}
+    prefixes = {"model_": f"{name}_", "MODEL_": f"{name.upper()}_"}
     # quoted texts are names of the scene
     return re.sub(
-        r'"[^"\n]*"|\b(?:model_|MODEL_)', lambda found: own.get(found[0], found[0]), text
+        r'"[^"\n]*"|\b(?:model_|MODEL_)', lambda found: prefixes.get(found[0], found[0]), text
     ), tree
 
 
@@ -150,13 +150,13 @@ class _Data:
 
     def text(self) -> str:
         """All declarations, in an order that C accepts."""
-        own = [self._declared(name, value) for name, value in self.kernel.data.items()]
-        return "\n".join([*self._sizes(), *self._names(), *self.parts.values(), *own])
+        declarations = [self._declared(name, value) for name, value in self.kernel.data.items()]
+        return "\n".join([*self._sizes(), *self._names(), *self.parts.values(), *declarations])
 
     def _sizes(self) -> Iterable[str]:
-        parts = kernel_parts(self.tree)
+        features = kernel_parts(self.tree)
         sizes = self.kernel.sizes | {
-            name: int(part in parts) for part, name in FLAGS_OF_PARTS.items()
+            name: int(feature in features) for feature, name in FLAGS_OF_PARTS.items()
         }
         return [f"#define MODEL_{name} {size}" for name, size in sizes.items()]
 
@@ -164,8 +164,8 @@ class _Data:
         tree = self.tree
         words = {
             "parameter_names": tree["names"],
-            "output_names": [item["name"] for item in tree["outputs"]],
-            "output_units": [item["unit"] for item in tree["outputs"]],
+            "output_names": [output["name"] for output in tree["outputs"]],
+            "output_units": [output["unit"] for output in tree["outputs"]],
         }
         for name, values in words.items():
             quoted = ", ".join(_quoted(value) for value in values) or "0"
@@ -177,7 +177,7 @@ class _Data:
             return f"static const model_{value.kind} model_{name} = {self._record(value)};"
         if isinstance(value, list):
             nothing = "{0}" if name == "moduli" else "{.count = 0}"
-            records = ",\n".join(self._record(item) for item in value) or nothing
+            records = ",\n".join(self._record(record) for record in value) or nothing
             return f"static const model_{RECORDS[name]} model_{name}[] = {{{records}}};"
         return self._array(name, np.zeros(1) if value is None else self._values(value))
 
@@ -185,13 +185,13 @@ class _Data:
         return self.arrays[value] if isinstance(value, str) else value
 
     def _array(self, name: str, values: np.ndarray) -> str:
-        whole = values.dtype.kind in "iu"
-        numbers = [str(value) if whole else repr(value) for value in values.ravel().tolist()] or [
+        integer = values.dtype.kind in "iu"
+        numbers = [str(value) if integer else repr(value) for value in values.ravel().tolist()] or [
             "0"
         ]
         lines = [", ".join(numbers[k : k + 8]) for k in range(0, len(numbers), 8)]
         return (
-            f"static const {'int' if whole else 'double'} model_{name}[] = {{\n"
+            f"static const {'int' if integer else 'double'} model_{name}[] = {{\n"
             + ",\n".join(lines)
             + "};"
         )
@@ -216,7 +216,7 @@ class _Data:
                 key, lambda name: f"static const model_{value.kind} {name} = {text};"
             )
         if isinstance(value, list):
-            names = ", ".join(self._function(item.steps) for item in value)
+            names = ", ".join(self._function(function.steps) for function in value)
             return self._put(
                 key, lambda name: f"static const model_function {name}[] = {{{names}}};"
             )
@@ -248,8 +248,8 @@ def _quoted(text: str) -> str:
     """C string literal in ASCII; other characters are escapes of their bytes, each ending a
     literal.
     """
-    found = "".join(
+    escaped = "".join(
         chr(byte) if 32 <= byte < 127 and chr(byte) not in '"\\?' else f'\\x{byte:02x}""'
         for byte in text.encode(errors="replace")
     )
-    return f'"{found}"'
+    return f'"{escaped}"'

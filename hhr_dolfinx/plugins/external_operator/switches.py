@@ -37,17 +37,17 @@ def radial_return(
     elastic = bulk[..., None, None] * np.outer(unit, unit)
     elastic = elastic + 2 * shear[..., None, None] * deviator
     trial = stress + np.einsum("...ij,...j->...i", elastic, increment)
-    part = trial @ deviator
-    size_of = np.sqrt(1.5 * (part * part).sum(-1))
+    deviatoric = trial @ deviator
+    size_of = np.sqrt(1.5 * (deviatoric * deviatoric).sum(-1))
     slope = 0.5
     amount = np.maximum(size_of - strength - slope * cumulated, 0.0) / (3 * shear + slope)
     safe = np.where(size_of > 0, size_of, 1.0)
-    normal = part / safe[..., None]
+    normal = deviatoric / safe[..., None]
     ratio = 3 * shear * amount / safe
     along = np.where(amount > 0, 3 * shear * (3 * shear / (3 * shear + slope) - ratio), 0.0)
     tangents = elastic - along[..., None, None] * normal[..., :, None] * normal[..., None, :]
     tangents = tangents - 2 * shear[..., None, None] * ratio[..., None, None] * deviator
-    return tangents, trial - ratio[..., None] * part, amount
+    return tangents, trial - ratio[..., None] * deviatoric, amount
 
 
 def external_law(draft: SceneDraft, neutral: bool) -> SceneDraft:

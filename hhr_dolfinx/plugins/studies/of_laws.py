@@ -58,5 +58,5 @@ def study_of(scene: Scene) -> StudiedLaws | None:
     """
     if not scene.reader:
         return None
-    found: StudiedLaws = registry.facet(scene.reader, "study", f"a study of scene '{scene.name}'")
-    return found
+    facet: StudiedLaws = registry.facet(scene.reader, "study", f"a study of scene '{scene.name}'")
+    return facet

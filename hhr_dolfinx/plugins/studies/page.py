@@ -127,15 +127,15 @@ def page_of(report: Mapping[str, Any], folder: Path) -> str:
     sizes = _mapping(report.get("sizes"))
     environment = {**_mapping(report.get("machine")), **_mapping(report.get("versions"))}
     left_out = [
-        [_text(item.get(key)) for key in ("stage", "why")]
-        for item in _mappings(report.get("skipped"))
+        [_text(entry.get(key)) for key in ("stage", "why")]
+        for entry in _mappings(report.get("skipped"))
     ]
     environment |= {name: report[name] for name in ("seed", "date") if name in report}
-    parts = [
+    sections = [
         f"<h1>{name}</h1>",
         _note(
-            f"{_text(sizes[key])} {what}"
-            for key, what in SIZES.items()
+            f"{_text(sizes[key])} {label}"
+            for key, label in SIZES.items()
             if sizes.get(key) is not None
         ),
         f'<p class="advice">{escape(str(report["advice"]))}</p>' if report.get("advice") else "",
@@ -158,7 +158,7 @@ def page_of(report: Mapping[str, Any], folder: Path) -> str:
         _note(f"{name} {_text(value)}" for name, value in environment.items()),
     ]
     style = (resources.files(__package__) / "report.css").read_text(encoding="utf-8")
-    body = "\n".join(part for part in parts if part)
+    body = "\n".join(section for section in sections if section)
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">{POLICY}'
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{name}</title>'
@@ -227,9 +227,9 @@ def _text(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, list):
-        return ", ".join(_text(item) for item in value)
+        return ", ".join(_text(entry) for entry in value)
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_text(item)}" for name, item in value.items())
+        return ", ".join(f"{name} {_text(entry)}" for name, entry in value.items())
     return str(value)
 
 
@@ -247,9 +247,9 @@ def _asked(report: Mapping[str, Any]) -> str:
         [_named(row), *(_text(row.get(name)) for name in ("from", "to"))]
         for row in _mappings(report.get("parameters"))
     ]
-    given = _mappings(report.get("materials"))
-    names = list(dict.fromkeys(name for row in given for name in row))
-    materials = [[_text(row.get(name, "")) for name in names] for row in given]
+    material_rows = _mappings(report.get("materials"))
+    names = list(dict.fromkeys(name for row in material_rows for name in row))
+    materials = [[_text(row.get(name, "")) for name in names] for row in material_rows]
     units = _mapping(report.get("units"))
     return _section(
         "What was asked",
@@ -311,8 +311,8 @@ def time_rows(times: Mapping[str, Any]) -> list[list[str]]:
 def output_rows(outputs: Mapping[str, Any]) -> list[list[str]]:
     """Cells of the ``outputs`` of a report, below :data:`OUTPUT_HEAD`."""
     rows = []
-    for name, item in outputs.items():
-        figures = _mapping(item)
+    for name, entry in outputs.items():
+        figures = _mapping(entry)
         errors = [_percent(figures.get(key)) for key in ("median", "p95", "max")]
         rows.append([_named({**figures, "name": name}), _text(figures.get("largest")), *errors])
     return rows
@@ -339,7 +339,7 @@ def method_rows(methods: Sequence[Mapping[str, Any]]) -> list[list[str]]:
 def _errors(errors: Mapping[str, Any], mesh: Mapping[str, Any]) -> str:
     rows = error_rows(errors)
     main = [row for key, row in rows.items() if key in MAIN_ERRORS] or list(rows.values())
-    rest = [row for row in rows.values() if row not in main]
+    remaining = [row for row in rows.values() if row not in main]
     note = (
         "<p class='small'>Relative to the full order, at parameters that no model was trained "
         "on.</p>"
@@ -350,12 +350,12 @@ def _errors(errors: Mapping[str, Any], mesh: Mapping[str, Any]) -> str:
         f"energy, its peak pressure by {_percent(mesh.get('peak_pressure'))}, as estimated at one "
         "answer. All models here share it.</p>"
     )
-    parts = [
+    blocks = [
         table and table + note,
-        _folded("in other norms", _table(ERROR_HEAD, rest)),
+        _folded("in other norms", _table(ERROR_HEAD, remaining)),
         caption if mesh else "",
     ]
-    return _section("How large are the errors?", *parts)
+    return _section("How large are the errors?", *blocks)
 
 
 def _times(times: Mapping[str, Any]) -> str:
@@ -368,7 +368,9 @@ def _times(times: Mapping[str, Any]) -> str:
 
 
 def _break_even(even: Mapping[str, Any]) -> str:
-    counts = [f"{count:.0f} queries ({what})" for what, count in even.items() if _is_number(count)]
+    counts = [
+        f"{count:.0f} queries ({product})" for product, count in even.items() if _is_number(count)
+    ]
     return f"<p>It pays after {escape(', '.join(counts))}.</p>" if counts else ""
 
 
@@ -382,7 +384,7 @@ def _charts(report: Mapping[str, Any]) -> str:
         "its tail, none is above the end. Nothing beats what lies on the dashed line in both."
     )
     rows = _mappings(report.get("work_precision"))
-    found = [
+    captioned = [
         (
             charts.work_precision(_marks(rows, key), f"error of {name}"),
             f"Error of the {name}{caption}",
@@ -401,19 +403,19 @@ def _charts(report: Mapping[str, Any]) -> str:
         if bounds
         else ""
     )
-    found.append(
+    captioned.append(
         (
             charts.histogram(errors, bounds, "error of contact forces", f"{kind} of each answer"),
             caption,
         )
     )
-    found += [
+    captioned += [
         (chart, "Where errors are large: the redder and larger a point, the larger.")
         for chart in _maps(report, errors)
     ]
     figures = (
         f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>"
-        for svg, caption in found
+        for svg, caption in captioned
         if svg
     )
     body = "".join(figures)
@@ -483,10 +485,10 @@ def _figure(path: Path) -> str:
 
 
 def _pictures(folder: Path) -> str:
-    order = {name: place for place, name in enumerate(CAPTIONS)}
-    found = [path for path in folder.glob("*.png") if path.name != "scene.png"]
-    found.sort(key=lambda path: (order.get(path.name, len(order)), path.name))
-    return _section("Pictures", *(_figure(path) for path in found))
+    order = {name: index for index, name in enumerate(CAPTIONS)}
+    paths = [path for path in folder.glob("*.png") if path.name != "scene.png"]
+    paths.sort(key=lambda path: (order.get(path.name, len(order)), path.name))
+    return _section("Pictures", *(_figure(path) for path in paths))
 
 
 def _loading(folder: Path) -> str:
@@ -532,7 +534,9 @@ def _others(report: Mapping[str, Any]) -> str:
     shown = {key: value for key, value in report.items() if key not in TOLD}
     for key in ("errors", "times"):
         shown[key] = {
-            name: item for name, item in _mapping(report.get(key)).items() if not _is_summary(item)
+            name: entry
+            for name, entry in _mapping(report.get(key)).items()
+            if not _is_summary(entry)
         }
     return _section(
         "Everything else", *(_folded(_words(key), _plain(value)) for key, value in shown.items())
@@ -552,12 +556,16 @@ def _plain(value: object) -> str:
             [[_text(row.get(name, "")) for name in head] for row in rows],
         )
     if isinstance(value, Mapping):
-        parts = {
-            name: item for name, item in value.items() if isinstance(item, Mapping | list) and item
+        nested = {
+            name: entry
+            for name, entry in value.items()
+            if isinstance(entry, Mapping | list) and entry
         }
-        own = _table(
+        table = _table(
             ["", "value"],
-            [[_words(name), _text(item)] for name, item in value.items() if name not in parts],
+            [[_words(name), _text(entry)] for name, entry in value.items() if name not in nested],
         )
-        return own + "".join(_folded(_words(name), _plain(item)) for name, item in parts.items())
+        return table + "".join(
+            _folded(_words(name), _plain(entry)) for name, entry in nested.items()
+        )
     return f"<p>{escape(_text(value))}</p>" if value not in (None, []) else ""

@@ -71,8 +71,8 @@ def _row(
     quantity: str, models: dict[str, np.ndarray], warped: dict[str, pyvista.UnstructuredGrid]
 ) -> Iterator[_Field]:
     """Pictures of a quantity: one of each model in the same colours, and their difference."""
-    every = np.concatenate([np.ravel(values) for values in models.values()])
-    low, high = np.percentile(every, [100 - COLOUR_PERCENTILE, COLOUR_PERCENTILE])
+    all_values = np.concatenate([np.ravel(values) for values in models.values()])
+    low, high = np.percentile(all_values, [100 - COLOUR_PERCENTILE, COLOUR_PERCENTILE])
     for model, values in models.items():
         largest = float(np.max(values))
         peak = f", up to {largest:.3g}" if largest > PEAK_IN_TITLE * high else ""
@@ -127,9 +127,9 @@ def _plot(
     _finish(
         plotter, f"RID: {int(still.cell_data['rid'].sum())} of {still.n_cells} cells", outline, flat
     )
-    for place, row in enumerate(rows):
+    for index, row in enumerate(rows):
         for number, field in enumerate(row, start=1):
-            plotter.subplot(place, number)
+            plotter.subplot(index, number)
             plotter.add_mesh(
                 field.grid.copy(),
                 scalars=field.name,
@@ -170,14 +170,14 @@ def draw_study(study: Any, view: View, folder: Path) -> None:
     if "drawing" in registry.named("tools"):
         full.scene.plot(folder / "scene.png")
     if study.measured.drawn:
-        exact, found = study.measured.drawn
+        exact, reduced = study.measured.drawn
         method = study.measured.own.method
         _draw_answers(
-            full, model, {"": (exact.answers[-1], found.answers[-1])}, view, folder, method
+            full, model, {"": (exact.answers[-1], reduced.answers[-1])}, view, folder, method
         )
         laws = study_of(full.scene)
         if laws is not None:
-            laws.draw({"full order": exact, method: found}, full.problem.contact_pairs, folder)
+            laws.draw({"full order": exact, method: reduced}, full.problem.contact_pairs, folder)
         return
     names = full.parameters.names
     if len(names) == 1 and isinstance(study.tests, np.ndarray):
@@ -239,8 +239,8 @@ def _draw_answers(
     if view.component is not None:
         component, label = view.component
         points[label] = {name: grid.point_data[name][:, component] for name in fields}
-    for data, found in ((grid.point_data, points), (grid.cell_data, cells)):
-        for quantity, models in found.items():
+    for data, quantities in ((grid.point_data, points), (grid.cell_data, cells)):
+        for quantity, models in quantities.items():
             for name, values in models.items():
                 data[f"{quantity}, {name}"] = values
             first, *_, last = models
@@ -296,18 +296,18 @@ def _pressures_of(
     """Pressures of one contact: lines of the full model, marks of a reduced model, a closed form if
     there is one.
     """
-    own = full.problem.pressing_of(pair)
-    where, label = along(view, full.problem.contact_points[own], pair, full.scene.units)
+    conditions = full.problem.pressing_of(pair)
+    where, label = along(view, full.problem.contact_points[conditions], pair, full.scene.units)
     lines = {}
     marks = {}
     closed_forms = {}
-    for name, (exact, found) in pairs.items():
-        lines[f"full order{name}"] = where, exact.pressure(full)[own]
-        marks[f"{method}{name}"] = where, found.pressure(full)[own]
+    for name, (exact, reduced) in pairs.items():
+        lines[f"full order{name}"] = where, exact.pressure(full)[conditions]
+        marks[f"{method}{name}"] = where, reduced.pressure(full)[conditions]
         if view.closed_form is not None and pair == (view.pair or 0):
             closed_forms[f"closed form{name}"] = (
                 where,
-                view.closed_form(where, exact.forces()[own].sum()),
+                view.closed_form(where, exact.forces()[conditions].sum()),
             )
     tags = " and ".join(str(tag) for tag in full.scene.contacts[pair].tags)
     title = f"contact {pair}: {tags}"

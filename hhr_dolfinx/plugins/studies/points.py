@@ -140,53 +140,58 @@ def measure_points(
     """
     full = training.full_order
     space = training.full_order.parameters
-    known = training.snapshots.known_statuses()
+    statuses = training.snapshots.known_statuses()
     references = References.at(points, full, training.snapshots, progress("references"))
     points = references.solutions.points
     answers = [model.solve(point, raise_on_failure=False, outside="ignore") for point in points]
-    models, whole = _queries_of(full, model)
+    models, queries = _queries_of(full, model)
     skipped = list(refused)
     errors = {"fom_best": references.errors(full), "online": references.errors(model)}
     offline = {}
-    compared = () if refused else _compared(training, known, skipped)
+    compared = () if refused else _compared(training, statuses, skipped)
     if compared:
         forces_only, condensed = compared
         models["condensed"] = forces_only
-        whole["condensed_full"] = _everywhere(condensed)
+        queries["condensed_full"] = _everywhere(condensed)
         errors["condensed"] = references.errors(condensed)
         if forces_only.offline is not None:
             offline = {"offline_condensed": dict(forces_only.offline.log.times)}
     baselines = {}
     if settings.naive and full.problem.kernel is None:
         baselines = {
-            name: registry.load(place)(full)
-            for name, (place, _) in registry.parts("baselines").items()
+            name: registry.load(import_path)(full)
+            for name, (import_path, _) in registry.parts("baselines").items()
         }
     models |= baselines
     # timed points belong neither to training nor to tests
-    fresh, others = (space.random(settings.queries + 5, settings.seed + k) for k in (1000, 4000))
-    warm = time_queries(_warm(models, known) | whole, fresh)
+    fresh, cold_points = (
+        space.random(settings.queries + 5, settings.seed + k) for k in (1000, 4000)
+    )
+    warm = time_queries(_warm(models, statuses) | queries, fresh)
     cold = time_queries(
-        {name: partial(item.solve, start=None) for name, item in models.items()}, others
+        {name: partial(candidate.solve, start=None) for name, candidate in models.items()},
+        cold_points,
     )
 
     def beside(method: str, setting: str, other: Model) -> Row:
         errors = references.errors(other)
         return Row(method, setting, time_queries({"online": other.solve}, fresh)["online"], errors)
 
-    errors |= {name: references.errors(item) for name, item in baselines.items()}
+    errors |= {name: references.errors(candidate) for name, candidate in baselines.items()}
     if not baselines:
         skipped.append({"stage": "fom_naive", "why": _without_naive(full)})
     report = _searches(answers) | {"samples": _samples(points, answers, errors["online"])}
     report |= _times(warm, cold, baselines, offline)
     report |= _mesh_error(full, skipped) | _outputs(full, references.solutions, answers)
-    own = Row("condensed" if refused else "HHR", "this model", warm["online"], errors["online"])
-    how = dict.fromkeys(baselines, "baseline") | ({"condensed": "interpolated"} if offline else {})
+    studied = Row("condensed" if refused else "HHR", "this model", warm["online"], errors["online"])
+    kinds = dict.fromkeys(baselines, "baseline") | (
+        {"condensed": "interpolated"} if offline else {}
+    )
     order = [name for name in ("condensed", "fom_best", *baselines) if name in errors]
-    rows = [Row(name, how.get(name, "exact"), warm[name], errors[name]) for name in order]
+    rows = [Row(name, kinds.get(name, "exact"), warm[name], errors[name]) for name in order]
     small: dict[str, Any] = {"condensed": model} if refused else {}
     small |= {name: models[name] for name in ("condensed",) if name in models}
-    return Measurement(own, rows, beside, report, skipped, models=small)
+    return Measurement(studied, rows, beside, report, skipped, models=small)
 
 
 def _queries_of(full: FullOrderModel, model: KeptModel) -> tuple[dict[str, Model], Queries]:
@@ -197,11 +202,11 @@ def _queries_of(full: FullOrderModel, model: KeptModel) -> tuple[dict[str, Model
     if isinstance(model, ReducedModel):
         models["online_lapack"] = _twin(model, LapackLU)
     alone = _twin(model, PetscLU)
-    whole: Queries = {
+    queries: Queries = {
         "online_forces": lambda point: alone.solve(point).forces(),
         "online_full": _everywhere(_twin(model, PetscLU)),
     }
-    return models, whole
+    return models, queries
 
 
 def _searches(answers: list[Answer]) -> Report:
@@ -219,18 +224,21 @@ def _samples(points: np.ndarray, answers: list[Answer], errors: MeasuredErrors) 
     """The ``samples`` part of a report: test points, errors there, and their estimates,
     relative.
     """
-    found: Report = {
+    samples: Report = {
         "points": points.tolist(),
         "errors": {name: errors.values[key].tolist() for name, key in SAMPLED.items()},
     }
-    known = Estimates.of([answer.estimate() for answer in answers])
-    if known is not None:
-        bounds = {"displacement": known.primal_relative, "forces": known.forces_euclid_relative}
-        found |= {
-            "kind": known.kind,
+    estimates = Estimates.of([answer.estimate() for answer in answers])
+    if estimates is not None:
+        bounds = {
+            "displacement": estimates.primal_relative,
+            "forces": estimates.forces_euclid_relative,
+        }
+        samples |= {
+            "kind": estimates.kind,
             "bounds": {name: values.tolist() for name, values in bounds.items()},
         }
-    return found
+    return samples
 
 
 def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> Report:
@@ -311,12 +319,14 @@ def _outputs(full: FullOrderModel, solutions: SnapshotSet, answers: list[Answer]
         exact.append(
             Answer(point, unknown, forces, forces > 0, 0, Status.CONVERGED, False, full).outputs()
         )
-    found = [answer.outputs() for answer in answers]
+    reduced = [answer.outputs() for answer in answers]
     report = {}
     for name, unit in exact[0].units.items():
-        values, others = (np.array([outputs[name] for outputs in part]) for part in (exact, found))
+        values, reduced_values = (
+            np.array([outputs[name] for outputs in group]) for group in (exact, reduced)
+        )
         largest = float(np.abs(values).max())
-        errors = np.abs(others - values) / (largest or 1.0)
+        errors = np.abs(reduced_values - values) / (largest or 1.0)
         report[name] = {
             "unit": unit,
             "largest": largest,

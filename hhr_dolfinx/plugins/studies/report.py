@@ -119,19 +119,19 @@ def break_even(times: Report) -> dict[str, float | None]:
     includes training answers that were read from files. Forces by condensation need no training.
     """
     offline = sum(times["offline"].values())
-    found = dict[str, float | None](forces=None)
+    queries = dict[str, float | None](forces=None)
     if "condensed_full" not in times:
-        found["fields"] = _pays(times, offline, "online")
+        queries["fields"] = _pays(times, offline, "online")
         shared = sum(times["offline"].get(stage, 0.0) for stage in (*TRAINING_STAGES, FROM_FILES))
         spent = shared + sum(times.get("offline_condensed", {}).values())
-        return found | {"fields, condensed": _pays(times, spent, "condensed")}
+        return queries | {"fields, condensed": _pays(times, spent, "condensed")}
     for name, kind in {"forces": "online_forces", "fields": "online_full"}.items():
-        found[name] = _pays(times, offline, kind)
+        queries[name] = _pays(times, offline, kind)
     if "offline_condensed" in times:
         stages = times["offline_condensed"]
         spent = times["offline"].get("full_order", 0.0) + stages["compliances"] + stages["starts"]
-        found["forces, condensed"] = _pays(times, spent, "condensed")
-    return found
+        queries["forces, condensed"] = _pays(times, spent, "condensed")
+    return queries
 
 
 def _pays(times: Report, spent: float, kind: str) -> float | None:
@@ -250,27 +250,29 @@ def print_report(report: Report, console: Console) -> None:
     if row := report.get("discretisation"):
         # the error of the mesh is the scale of all others; numbers where nothing estimates it any
         # more
-        place = registry.named("public").get("MeshError")
-        console.print(registry.load(place)(**row).in_words() if place else f"mesh: {row}")
+        import_path = registry.named("public").get("MeshError")
+        console.print(
+            registry.load(import_path)(**row).in_words() if import_path else f"mesh: {row}"
+        )
     if (row := report.get("time_error", {})).get("max"):
-        how = (
+        description = (
             "in the steps of the paths"
             if row["tolerance"] is None
             else f"cut to a tolerance of {row['tolerance']:g}"
         )
         console.print(
-            f"time steps of the full order, {how}: off by {row['median']:.2%} of the largest "
-            f"stress or displacement by estimate (median of the histories), {row['max']:.2%} at "
+            f"time steps of the full order, {description}: off by {row['median']:.2%} of the "
+            f"largest stress or displacement by estimate (median of the histories), {row['max']:.2%} at "
             "worst; small models take the same ones"
         )
     if "advice" in report:
         console.print(report["advice"])
-    for item in report["refused_before"]:
-        console.print(f"{item['layers']} layers refused: {item['why']}")
-    for item in report.get("models", {}).get("condensed", {}).get("refused_before", []):
-        console.print(f"condensed, attempt {item['attempt']} refused: {item['why']}")
-    for item in report["skipped"]:
-        console.print(f"left out: {item['stage']}: {item['why']}")
+    for entry in report["refused_before"]:
+        console.print(f"{entry['layers']} layers refused: {entry['why']}")
+    for entry in report.get("models", {}).get("condensed", {}).get("refused_before", []):
+        console.print(f"condensed, attempt {entry['attempt']} refused: {entry['why']}")
+    for entry in report["skipped"]:
+        console.print(f"left out: {entry['stage']}: {entry['why']}")
 
 
 def _sizes_in_words(report: Report) -> str:
@@ -278,11 +280,11 @@ def _sizes_in_words(report: Report) -> str:
     stability = report.get("stability", {})
     head = f"{report['scene']}: {size['N']} dofs, {size['N_lambda']} contacts"
     if "ell_bar" not in size:
-        own = report["models"]["condensed"].get("sizes")
+        sizes = report["models"]["condensed"].get("sizes")
         small = (
             "all contacts"
-            if own is None
-            else f"{own['modes']} modes, all contacts, {own['points']} points"
+            if sizes is None
+            else f"{sizes['modes']} modes, all contacts, {sizes['points']} points"
         )
         return f"{head} -> {small}; {size['snapshots']} snapshots"
     shown = {"kappa_B": "kappa(B~)", "cond_K": "cond(K~)", "tangent": "tangents"}

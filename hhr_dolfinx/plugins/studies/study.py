@@ -179,8 +179,8 @@ def run_study(
     ):  # a study of histories has its two models already
         report["models"] = {"default": model_report(model, measured.own)}
     for name, recipe in settings.models.items():
-        other = training.build(recipe, checked=False)
-        report["models"][name] = model_report(other, measured.beside("HHR", name, other))
+        built = training.build(recipe, checked=False)
+        report["models"][name] = model_report(built, measured.beside("HHR", name, built))
     return Study(training, model, tests, measured, settings, report)
 
 
@@ -203,9 +203,9 @@ def _tests_of(
             from hhr_dolfinx.plugins.paths.queries import training_paths
 
             return dict(zip(tests, training_paths(scene, tests.values()), strict=True))
-        what = f"tests = {tests!r}" if points is None else "points"
+        subject = f"tests = {tests!r}" if points is None else "points"
         raise StudyError(
-            f"bodies of scene '{scene.name}' have laws: {what} must be paths, tests={{label: "
+            f"bodies of scene '{scene.name}' have laws: {subject} must be paths, tests={{label: "
             "path, ...}"
         )
     if settings.correction is not None:
