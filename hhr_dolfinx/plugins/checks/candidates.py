@@ -82,6 +82,10 @@ class OuterFacets:
         A gap is the distance along the normal of a near facet that looks back. It is negative for
         an overlap, which is no deeper than ``LARGEST_OVERLAP`` of the smaller piece: two sides
         that look away from each other do not face.
+
+        Args:
+            rows: rows of the facets whose gaps are measured, f of them.
+            others: rows of the facets that they may face.
         """
         points = np.concatenate([self.corners[rows], self._middles[rows][:, None]], axis=1)
         normals = self.normals[others]
@@ -141,8 +145,11 @@ def _box(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def outward(corners: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Unit normals, (f, dim), of facets with corners (f, k, dim) that point away from a point of
-    their cells.
+    """Outer unit normals of facets, (f, dim).
+
+    Args:
+        corners: corners of the facets, (f, k, dim).
+        inside: a point of the cell of each facet, (f, dim).
     """
     edges = corners[:, 1:3] - corners[:, :1]
     normals = (

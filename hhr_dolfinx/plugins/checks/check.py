@@ -242,8 +242,8 @@ def _overlap(check: SceneCheck, contact: int, depth: float, sag: float, point: n
     if depth > OVERLAP * max(sag, 1e-12):
         check.note(
             f"contact {contact} of {names}: bodies overlap by {depth:.3g}{check.length} "
-            f"before anything moves{reason}. Move them apart in the mesh, or by an Opening; leave it "
-            "where a press fit is meant"
+            f"before anything moves{reason}. Move them apart in the mesh, or by an Opening; leave "
+            "it where a press fit is meant"
         )
 
 

@@ -121,6 +121,11 @@ def factor_of(mesh: AnswerMesh, displacement: np.ndarray, pairs: list[_Pair]) ->
     """Power of ten, at least 1, by which displacements stay below a tenth of the mesh.
 
     Motions of whole bodies count by a third: displacements are taken less the mean of their body.
+
+    Args:
+        mesh: the mesh.
+        displacement: displacements of the nodes, (n, dim), in the unit of length.
+        pairs: contact conditions between two surfaces of the mesh.
     """
     largest = float(np.linalg.norm(displacement, axis=1).max(initial=0.0)) / 3
     for body in np.unique(mesh.bodies):

@@ -112,7 +112,13 @@ def gmsh() -> Found:
 
 
 def program(name: str, commands: tuple[str, ...], use: str) -> Found:
-    """Check a program by the first of some commands that exists."""
+    """Check a program by the first of some commands that exists.
+
+    Args:
+        name: name of the program in the report.
+        commands: commands to try, in order.
+        use: consequence of a missing program.
+    """
     beside = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
     for command in filter(None, (shutil.which(candidate, path=beside) for candidate in commands)):
         version = re.search(r"\d+(\.\d+)+", _output_of([command, "--version"]))

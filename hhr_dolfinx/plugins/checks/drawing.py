@@ -67,6 +67,13 @@ def figure_of_mesh(raw: RawMesh, title: str) -> Figure:
     """Bodies and surfaces of a mesh file by name.
 
     Each cell and each facet is drawn once, in the smallest set.
+
+    Args:
+        raw: the mesh.
+        title: title of the figure.
+
+    Returns:
+        A figure of matplotlib.
     """
     figure, axes = _new_figure(raw.points)
     free = np.ones(len(raw.cells), dtype=bool)

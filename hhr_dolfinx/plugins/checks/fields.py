@@ -118,7 +118,15 @@ def _written(path: Path, grid: pyvista.UnstructuredGrid) -> Path:
 
 
 def grid_of(meshed: Meshed, answer: Answer) -> pyvista.UnstructuredGrid:
-    """The mesh with all fields of an answer that it can have."""
+    """Mesh with all fields of an answer that are available.
+
+    Args:
+        meshed: the full model, or the mesh beside a model file.
+        answer: answer of any model of its scene.
+
+    Raises:
+        SceneError: if the answer has another number of contact conditions.
+    """
     mesh = meshed.answer_mesh()
     # points are the nodes of the space, in the order of its dofs
     vectors = mesh.nodal(answer.displacement())

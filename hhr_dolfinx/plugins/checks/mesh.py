@@ -116,8 +116,11 @@ COARSE_MESH = 0.1
 
 
 def look_at_mesh_error(check: SceneCheck, point: PointLike | None = None) -> None:
-    """Solve in full once, at a parameter or in the middle of the box, and report the estimated
-    error of the mesh.
+    """Solve the full model once, and report the estimated error of the mesh.
+
+    Args:
+        check: findings of the scene, which receive the estimate.
+        point: parameters, (P,); None takes the middle of the box.
     """
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.plugins.checks.mesh_error import mesh_error
@@ -212,10 +215,17 @@ def look_at_common_nodes(check: SceneCheck) -> None:
 
 
 def depth_inside(check: SceneCheck, first: Surface, second: Surface) -> tuple[int, float]:
-    """Number of nodes of a surface inside the body of another one as drawn, and the depth of the
-    deepest.
+    """Count nodes of a surface inside the body of another one as drawn.
 
     Depths are those below the nearest facet of the other surface.
+
+    Args:
+        check: findings of the scene, with its discretisation.
+        first: surface whose nodes are counted.
+        second: surface of the other body.
+
+    Returns:
+        Number of nodes, and the depth of the deepest in the unit of length.
     """
     look = MeshLook.of(check)
     mesh = check.meshed.mesh
@@ -269,7 +279,12 @@ def _size(points: np.ndarray) -> str:
 
 
 def young_of(body: Body, space: ParameterSpace) -> float:
-    """Young's modulus, in the middle of the box if it is a parameter; NaN for another formula."""
+    """Young's modulus, in the middle of the box if it is a parameter; NaN for another formula.
+
+    Args:
+        body: the body.
+        space: parameters of the scene.
+    """
     if not isinstance(body.young, str):
         return float(body.young)
     index = space.names.index(body.young) if body.young in space.names else None
@@ -326,8 +341,8 @@ def _unit_of_length(check: SceneCheck, look: MeshLook) -> None:
     )
     check.note(
         f"{subject} is {_size(look.points)} {units.length}: where that is not meant, its "
-        "coordinates are in another unit. Say by what they are to be multiplied, MeshFile(path, scale=...), "
-        "or give the scene the Units of the mesh"
+        "coordinates are in another unit. Say by what they are to be multiplied, "
+        "MeshFile(path, scale=...), or give the scene the Units of the mesh"
     )
 
 

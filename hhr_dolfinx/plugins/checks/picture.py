@@ -64,7 +64,12 @@ def contact_names(meshed: Meshed) -> list[str]:
 
 
 def mesh_at(meshed: Meshed, parameter: np.ndarray) -> AnswerMesh:
-    """Mesh with the shape of bodies at a parameter, (P,)."""
+    """Mesh with the shape of bodies at a parameter, (P,).
+
+    Args:
+        meshed: the full model, or the mesh beside a model file.
+        parameter: parameters, (P,).
+    """
     mesh = meshed.answer_mesh()
     if is_full(meshed) and meshed.problem.reshaped is not None:
         problem = meshed.problem.at(parameter)

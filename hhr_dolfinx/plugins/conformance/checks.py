@@ -18,7 +18,7 @@ from scipy.sparse import csc_matrix, hstack
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
 from hhr_dolfinx.body import Body
-from hhr_dolfinx.contact.law import ContactLaw
+from hhr_dolfinx.contact.law import ContactLaw, PairLaw
 from hhr_dolfinx.declared import check_layout
 from hhr_dolfinx.errors import (
     ClaimError,
@@ -29,13 +29,16 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.full_order.system import System
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.loads import Pressure
+from hhr_dolfinx.loads import Load, Pressure
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.online.model_file import load_model, save_model
+from hhr_dolfinx.outputs import Output
+from hhr_dolfinx.pairings import Pairing
 from hhr_dolfinx.pairings.node_to_node import NodeToNode
 from hhr_dolfinx.pairings.surface import mean_normal
 from hhr_dolfinx.parameters import ParameterSpace, is_number
@@ -203,7 +206,7 @@ FAILED_CHECKS = {
         "the gradient of its forces is not what differences give: correct it, or refuse gradients"
     ),
 }
-"""What a check says of a part: what is wrong, and what to do."""
+"""Messages of checks by part: the fault, and the remedy."""
 
 
 def _require(fits: bool | np.bool_, wrong: str, *given: Any) -> None:
@@ -239,7 +242,7 @@ def pressed_blocks(parameters: Bounds | None = None, *, cells: int = 4, **change
 
 
 @blaming
-def check_pairing(pairing: Any) -> None:
+def check_pairing(pairing: Pairing) -> None:
     """Check a pairing of :data:`LOWER_SURFACE`, :data:`UPPER_SURFACE` or both: rows, gaps, and the
     patch test.
 
@@ -297,9 +300,14 @@ def check_pairing(pairing: Any) -> None:
 
 
 @blaming
-def check_load(load: object, parameters: Bounds | None = None) -> None:
-    """Check a load on tags of the blocks: its forces on two meshes, its amplitudes, their
-    derivatives and files.
+def check_load(load: Load, parameters: Bounds | None = None) -> None:
+    """Check forces, amplitudes, derivatives and files of a load.
+
+    The resultant must be the same on two meshes of the blocks.
+
+    Args:
+        load: a load on tags of the blocks.
+        parameters: ends of parameters by name, added to those of the blocks; None adds none.
     """
     sums = []
 
@@ -329,12 +337,16 @@ def check_load(load: object, parameters: Bounds | None = None) -> None:
 
 
 @blaming
-def check_output(output: Any, parameters: Bounds | None = None) -> None:
-    """Check an output of contact 0 or of the blocks: value, slopes and unit, in a condensed model
-    and a file too.
+def check_output(output: Output, parameters: Bounds | None = None) -> None:
+    """Check value, slopes and unit of an output, in a condensed model and a file too.
+
+    Args:
+        output: an output of contact 0 or of the blocks.
+        parameters: ends of parameters by name, added to those of the blocks; None adds none.
     """
 
     def value(model: AnsweringModel, point: np.ndarray) -> float:
+        """Value of the output of a model at a point, (P,)."""
         return model.outputs(point)[output.name]
 
     full = FullOrderModel(pressed_blocks(parameters, outputs=(output,)))
@@ -367,12 +379,16 @@ def check_output(output: Any, parameters: Bounds | None = None) -> None:
 
 
 @blaming
-def check_system(system: Callable[..., Any], parameters: Bounds | None = None) -> None:
+def check_system(system: Callable[..., System], parameters: Bounds | None = None) -> None:
     """Check what makes a System of the blocks, ``Scene(system=...)``.
 
     Without parts, reductions refuse it by name.
 
     The blocks are alone, and with an equation and a spring if the plug-ins of these are installed.
+
+    Args:
+        system: makes the System, as ``Scene(system=...)``.
+        parameters: ends of parameters by name, added to those of the blocks; None adds none.
     """
     _check_system(pressed_blocks(parameters, system=system))
     public = registry.named("public")
@@ -450,7 +466,7 @@ def _check_system(scene: Scene) -> None:
 
 
 @blaming
-def check_contact_law(law: Any) -> None:
+def check_contact_law(law: PairLaw) -> None:
     """Check a law of interfaces, a :class:`~hhr_dolfinx.contact.law.PairLaw` whose plug-in is
     installed.
 
@@ -568,7 +584,7 @@ def _check_rows(full: FullOrderModel, plugin: str) -> None:
 
 
 def _check_constants(
-    pair: NodeToNode, full_law: ContactLaw, path: list[Any], exact: Sequence[Answer]
+    pair: NodeToNode, full_law: ContactLaw, path: Steps, exact: Sequence[Answer]
 ) -> None:
     """Constants of a law on which answers along a path depend change its parts."""
     law: Any = pair.law
@@ -607,8 +623,11 @@ def _same_parts(one: ContactLaw, other: ContactLaw) -> bool:
 
 
 def check_range(full: FullOrderModel, plugin: str) -> None:
-    """Check the facet ``range`` of the law of a plug-in in a model, on all of its conditions and on
-    a part of them.
+    """Check the facet ``range`` of a law, on all conditions of a model and on a subset.
+
+    Args:
+        full: full model whose scene has the law.
+        plugin: name of the plug-in of the law.
     """
     from hhr_dolfinx.plugins.contact_laws.interface import Range
 
@@ -739,6 +758,7 @@ def _check_derivatives(
     unit = TESTED_STEP * np.abs(forces).max() * np.eye(size)
 
     def off(forces: np.ndarray, slack: np.ndarray) -> np.ndarray:
+        """Residual ``off`` for changed forces and slack, (m,) each."""
         return step(point).linearised(forces, slack, stiffness, 1).off
 
     exact = [
@@ -824,13 +844,16 @@ def _alike(
 def check_reductor(
     reductor: object, known: Iterable[type] = (), *, tolerance: float = 0.05
 ) -> None:
-    """Check a way to reduce, on blocks of constant stiffness and on blocks whose modulus is a
-    parameter.
+    """Check a reductor on blocks of constant stiffness, and with a modulus as parameter.
 
     Its model agrees with full answers that were held out: to round-off if it calls itself exact,
     else to ``tolerance``, and within its bounds if it has any. It may refuse files, gradients and
-    the varying modulus, with an error of the package. ``known`` are your classes that its files
-    hold, see :func:`hhr_dolfinx.load_model`.
+    the varying modulus, with an error of the package.
+
+    Args:
+        reductor: the reductor.
+        known: your classes that its files hold, see :func:`hhr_dolfinx.load_model`.
+        tolerance: largest relative error of forces and displacements.
     """
     bodies = Body(LOWER_BODY, "young", 0.3), Body(UPPER_BODY, 5.0, 0.3)
     for scene in (pressed_blocks(), pressed_blocks({"young": (1.0, 4.0)}, bodies=bodies)):

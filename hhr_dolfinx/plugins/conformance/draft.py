@@ -52,8 +52,8 @@ RIGHT_END = 4.0
 MIDDLE = 2.5
 """Ends of the lower block along x, in axisymmetry of the radius, and their mean."""
 BESIDE = 3.0
-"""Where outputs read displacements: in the middle that along x nearly vanishes, 1/400 of the other
-one.
+"""Position at which outputs read displacements: in the middle that along x nearly vanishes, 1/400
+of the other one.
 """
 FAR = 100.0
 """Coordinate of what is too far away to be touched."""
@@ -77,7 +77,12 @@ class Varied(NamedTuple):
     values: tuple[float, ...] | float
 
     def along(self, scale: float, share: float | None) -> np.ndarray:
-        """Values along a path, (T,): scaled ones, or a constant at a share of the range."""
+        """Values along a path, (T,): scaled ones, or a constant at a share of the range.
+
+        Args:
+            scale: factor of values that change along the path.
+            share: share of the range for constant parameters, from 0 to 1; None takes their value.
+        """
         if not isinstance(self.values, tuple):
             between = self.lower + (share or 0.0) * (self.upper - self.lower)
             return np.full(len(COURSE), self.values if share is None else between)
@@ -98,7 +103,7 @@ class NodesBetween(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """What decides how other switches add their capability, such as the dimension."""
+    """Properties that decide how other switches add their capability, such as the dimension."""
 
     hypothesis: str = "plane_strain"
     element: str = ""
@@ -162,15 +167,31 @@ class SceneDraft:
         return ("x", "y", "z")[: self.dimension]
 
     def at(self, x: float | str, y: float | str) -> tuple[float | str, ...]:
-        """Coordinates of a point in the middle of the third axis."""
+        """Coordinates of a point in the middle of the third axis.
+
+        Args:
+            x: first coordinate, a number or a formula.
+            y: second coordinate, a number or a formula.
+        """
         return (x, y, 0.5)[: self.dimension]
 
     def vector(self, x: float, y: float) -> tuple[float, ...]:
-        """A vector in the plane."""
+        """Vector in the plane of the first two axes.
+
+        Args:
+            x: first component.
+            y: second component.
+        """
         return (x, y, 0.0)[: self.dimension]
 
     def nodes(self, along: float, lower: float, upper: float) -> NodesBetween:
-        """Nodes at a place along the first axis, between two heights."""
+        """Nodes at a position on the first axis, between two heights.
+
+        Args:
+            along: first coordinate.
+            lower: lower end of the second coordinate.
+            upper: upper end of the second coordinate.
+        """
         return NodesBetween(along, lower, upper)
 
     def exclude(self, condition: bool, reason: str) -> None:
@@ -206,17 +227,35 @@ class SceneDraft:
         upper: float,
         values: float | Sequence[float],
     ) -> SceneDraft:
-        """The draft with a parameter and its values along the path, (T,), or its constant."""
+        """The draft with a parameter and its values along the path, (T,), or its constant.
+
+        Args:
+            name: name of the parameter.
+            lower: lower end of its range.
+            upper: upper end of its range.
+            values: values along the path, (T,), or its constant.
+        """
         along = float(values) if isinstance(values, int | float) else tuple(map(float, values))
         return replace(self, varied=(*self.varied, Varied(name, lower, upper, along)))
 
     def with_load_parameter(self, name: str, largest: float, neutral: bool) -> SceneDraft:
-        """The draft with a parameter from 0 to a largest value along the path; 0 if neutral."""
+        """The draft with a parameter from 0 to a largest value along the path; 0 if neutral.
+
+        Args:
+            name: name of the parameter.
+            largest: value at the end of the path.
+            neutral: keep the value 0 along the path.
+        """
         values = [0.0 if neutral else 0.8 * largest * share for share in ASIDE]
         return self.with_parameter(name, -0.2 * largest, largest, values)
 
     def with_body(self, tag: Tag, changed: Callable[[Body], Body]) -> SceneDraft:
-        """The draft with a body that is changed."""
+        """The draft with a body that is changed.
+
+        Args:
+            tag: tag of the body.
+            changed: makes the changed body of the one in the draft.
+        """
         lower, upper = (changed(body) if body.tag == tag else body for body in self.bodies)
         return replace(self, bodies=(lower, upper))
 
@@ -299,6 +338,10 @@ class SceneDraft:
         """A load path whose values that change are scaled.
 
         Parameters that are constant on it have their value, or are at a share of their range.
+
+        Args:
+            scale: factor of values that change along the path.
+            share: share of the range for constant parameters; None takes their values.
         """
         columns = [parameter.along(scale, share) for parameter in self._space()]
         return [(float(k), point) for k, point in enumerate(np.column_stack(columns))]
@@ -363,7 +406,12 @@ class SceneDraft:
 
 
 def rounded(points: np.ndarray, tag: int) -> np.ndarray:
-    """Coordinates, (n, dim), with a round upper side of the lower block."""
+    """Coordinates, (n, dim), with a round upper side of the lower block.
+
+    Args:
+        points: coordinates of nodes, (n, dim).
+        tag: tag of the body that they belong to.
+    """
     warped = points.copy()
     if tag == FIRST:
         warped[:, 1] -= ROUNDNESS * points[:, 1] * (points[:, 0] - MIDDLE) ** 2
@@ -374,7 +422,7 @@ Switch = Callable[..., SceneDraft]
 
 
 class ChosenSwitch(NamedTuple):
-    """A switch, by its name, and whether it adds its neutral value."""
+    """A switch by its name, which may add its neutral value."""
 
     name: str
     switch: Switch
@@ -402,6 +450,10 @@ def composed(chosen: Iterable[ChosenSwitch], start: SceneDraft | None = None) ->
 
     Switches look at the kind of the draft. If one changes it, all are applied again to a draft of
     the new kind.
+
+    Args:
+        chosen: switches of the capabilities.
+        start: draft to begin with; None takes the blocks alone.
 
     Raises:
         Excluded: if the capabilities exclude each other by what they mean.

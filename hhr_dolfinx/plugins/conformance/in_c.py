@@ -52,8 +52,14 @@ def compilable(plugin: str) -> bool:
 
 
 def in_c(model: Any, path: Sequence[tuple[float, np.ndarray]]) -> np.ndarray | str:
-    """Forces of a compiled header in steps of a second, (steps, m), or what a compiler says that
-    refuses it.
+    """Forces of a compiled header in steps of a second, (steps, m).
+
+    Args:
+        model: a condensed model.
+        path: times and parameters, the first ones at rest.
+
+    Returns:
+        The forces, or the message of a compiler that refuses the header.
     """
     from hhr_dolfinx.plugins.exporters.c_header import write_c_header
 

@@ -20,9 +20,11 @@ from hhr_dolfinx.plugins.pages.arrays import check_model, contact_tree
 from hhr_dolfinx.plugins.pages.kernel import FLAGS_OF_PARTS, kernel_parts, kernel_text
 from hhr_dolfinx.plugins.pages.laws import laws_of
 from hhr_dolfinx.plugins.pages.packing import Packed
-from hhr_dolfinx.plugins.pages.records import RecordedFormula, Struct, kernel_data
+from hhr_dolfinx.plugins.pages.records import RecordedFormula, Steps, Struct, kernel_data
 from hhr_dolfinx.warn import warn
 
+Tree = dict[str, Any]
+"""Numbers and names of a model as JSON, see ``plugins.pages.arrays.contact_tree``."""
 MOST_HEADER_NUMBERS = 4_000_000
 """Most numbers of a header: 80 MB of text, such as S of 2,800 conditions."""
 _SIGNS = ("+", "-", "*", "/")
@@ -65,8 +67,17 @@ def write_c_header(path: str | Path, model: object) -> Path:
     return Path(path)
 
 
-def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
-    """Text of the header, with ``name`` instead of ``model``, and the tree it was made from."""
+def c_header(model: Any, name: str) -> tuple[str, Tree]:
+    """Text of a header in C, and the tree that it is made from.
+
+    Args:
+        model: a condensed model.
+        name: identifier in C that the names of the header begin with.
+
+    Raises:
+        NotOfferedError: if the name is no identifier of C, for a model that has no header, or one
+            that is too large to be compiled.
+    """
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
         raise NotOfferedError(
             f"{name!r} is no identifier of C, from which names of the header are made: name it else"
@@ -102,7 +113,7 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
     ), tree
 
 
-def box_of(tree: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+def box_of(tree: Tree) -> tuple[np.ndarray, np.ndarray]:
     """Ends of the box, (P,) each: of the parameters, or of the training range within it."""
     lower = np.array(tree["lower"])
     upper = np.array(tree["upper"])
@@ -111,7 +122,7 @@ def box_of(tree: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     return np.maximum(lower, tree["trained"][0]), np.minimum(upper, tree["trained"][1])
 
 
-def formula(steps: list[Any]) -> str:
+def formula(steps: Steps) -> str:
     """C expression of the parameters ``p``, from operations of
     ``plugins.pages.packing.steps_of``.
     """
@@ -142,7 +153,7 @@ def formula(steps: list[Any]) -> str:
 class _Data:
     """Arrays, formulas and records of a header."""
 
-    def __init__(self, tree: dict[str, Any], arrays: dict[str, np.ndarray]):
+    def __init__(self, tree: Tree, arrays: dict[str, np.ndarray]):
         self.tree = tree
         self.arrays = arrays
         self.kernel = kernel_data(tree, arrays, box_of(tree))
@@ -233,7 +244,7 @@ class _Data:
         self.parts[name] = declared(name)
         return name
 
-    def _function(self, steps: list[Any] | None) -> str:
+    def _function(self, steps: Steps | None) -> str:
         """Declare a function of the parameters; returns its name in C."""
         if steps is None:
             return "0"

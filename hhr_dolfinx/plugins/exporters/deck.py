@@ -23,7 +23,7 @@ from hhr_dolfinx.files import replacing
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries.cells import CORNERS, EDGES, FACES, TENSOR_ORDER
-from hhr_dolfinx.parameters import PointLike
+from hhr_dolfinx.parameters import Place, PointLike, Tag
 
 PENALTY = 100.0
 """Normal penalty stiffness times the length of a facet, over the largest Young's modulus."""
@@ -33,6 +33,11 @@ _ELEMENTS = {"plane_strain": "CPE", "plane_stress": "CPS", "axisymmetric": "CAX"
 
 def write_deck(path: Path, discretisation: Discretisation, mu: PointLike) -> None:
     """Write the deck of a scene at a parameter.
+
+    Args:
+        path: file of the deck.
+        discretisation: discretisation of the scene, on one rank.
+        mu: parameters, (P,).
 
     Raises:
         SceneError: for scenes that a deck cannot describe: with inelastic bodies, shapes, gradings,
@@ -86,14 +91,18 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
 class LawInDeck(Protocol):
     """Facet ``deck`` of a law of interfaces."""
 
-    def limited(self, law: object) -> bool:
+    def limited(self, law: PairLaw) -> bool:
         """True if a deck cannot say all of a pair's law."""
 
     def lines(
-        self, law: object, number: Callable[[float | str], float], penalty: float
+        self, law: PairLaw, number: Callable[[float | str], float], penalty: float
     ) -> Iterator[str]:
-        """Lines in the interaction of a pair: its law, values of formulas at the point, and its
-        penalty stiffness.
+        """Lines in the interaction of a pair.
+
+        Args:
+            law: law of the pair.
+            number: value of a number or formula at the point of the deck.
+            penalty: penalty stiffness of the pair, in stress per length.
         """
 
 
@@ -177,7 +186,7 @@ def _oriented(discretisation: Discretisation, cells: np.ndarray) -> np.ndarray:
     return cells
 
 
-def _word(tag: object) -> str:
+def _word(tag: Tag | Place) -> str:
     """Tag as a valid name of a deck: one word that begins with a letter."""
     word = "".join(letter if letter.isalnum() else "_" for letter in str(tag))
     return word if word[:1].isalpha() else f"tag_{word}"

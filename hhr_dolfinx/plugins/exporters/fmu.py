@@ -13,12 +13,11 @@ import tempfile
 import zipfile
 from importlib import resources
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 from hhr_dolfinx.errors import MissingPackageError, NotOfferedError
 from hhr_dolfinx.files import replacing
-from hhr_dolfinx.plugins.exporters.c_header import box_of, c_header
+from hhr_dolfinx.plugins.exporters.c_header import Tree, box_of, c_header
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 
@@ -63,7 +62,7 @@ def _unit() -> str:
     return (resources.files(__package__) / "fmu.c").read_text(encoding="utf-8")
 
 
-def _check_names(tree: dict[str, Any]) -> None:
+def _check_names(tree: Tree) -> None:
     """Raise NotOfferedError if there is no output, or if names are not valid in FMI."""
     if not tree["outputs"]:
         reason = (
@@ -83,8 +82,14 @@ def _check_names(tree: dict[str, Any]) -> None:
         raise NotOfferedError(f"names of a unit are printed, and {odd} cannot be: rename them")
 
 
-def description(tree: dict[str, Any], name: str, token: str) -> bytes:
-    """Content of modelDescription.xml."""
+def description(tree: Tree, name: str, token: str) -> bytes:
+    """Content of ``modelDescription.xml``.
+
+    Args:
+        tree: numbers and names of the model.
+        name: name of the model.
+        token: token that identifies the header.
+    """
     lower, upper = (ends.tolist() for ends in box_of(tree))
     root = ElementTree.Element(
         "fmiModelDescription",

@@ -78,7 +78,11 @@ class ExternalOperator(OutsideLaw):
     def evaluate(
         self, step: LawStep
     ) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray | None]:
-        """See :class:`OutsideLaw`; tangents come with the stress in any case."""
+        """See :class:`OutsideLaw`; tangents come with the stress in any case.
+
+        Raises:
+            SceneError: if the function does not return its results as numbers of their shapes.
+        """
         old = step.old
         available = {
             **old,

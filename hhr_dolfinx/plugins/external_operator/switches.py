@@ -28,7 +28,21 @@ def radial_return(
     poisson: np.ndarray,
     strength: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Tangents, (n, 1, c, c), stress, (n, 1, c), and increments of p, (n, 1); the slope is 0.5."""
+    """Stress, tangents and increments of the cumulated plastic strain p by radial return.
+
+    Isotropic hardening with slope 0.5; one Gauss point in each of n rows, c components of strain.
+
+    Args:
+        increment: increments of strain, (n, 1, c).
+        stress: stress before the step, (n, 1, c).
+        cumulated: p before the step, (n, 1).
+        young: Young's modulus, (n, 1).
+        poisson: Poisson's ratio, (n, 1).
+        strength: yield stress, (n, 1).
+
+    Returns:
+        Tangents, (n, 1, c, c), stress, (n, 1, c), and increments of p, (n, 1).
+    """
     size = increment.shape[-1]
     unit = np.array([1.0, 1.0, 1.0] + [0.0] * (size - 3))
     deviator = np.eye(size) - np.outer(unit, unit) / 3
@@ -51,7 +65,12 @@ def radial_return(
 
 
 def external_law(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """Plasticity by a function of arrays."""
+    """Plasticity by a function of arrays.
+
+    Args:
+        draft: draft of the scene.
+        neutral: add the capability with values that change no answer.
+    """
     operands = ("increment", "stress", "cumulated", "young", "poisson", "strength")
     law = ExternalOperator(external, {"strength": 1e6 if neutral else 0.05}, operands=operands)
     return (draft.of_simplices() if neutral else draft).with_body_law(law)

@@ -54,7 +54,11 @@ class MFront(OutsideLaw):
         super().__init__(behaviour, constants, rated, content)
 
     def memory_of(self, strains: int) -> dict[str, int]:
-        """See :class:`OutsideLaw`; SceneError for constants that are missing or unknown."""
+        """See :class:`OutsideLaw`.
+
+        Raises:
+            SceneError: for constants that are missing or unknown.
+        """
         mgis, behaviour = _loaded(self.library, self.name, strains)
         needed, external = (
             [variable.name for variable in kind] for kind in (behaviour.mps, behaviour.esvs)

@@ -138,6 +138,13 @@ def by_favour(rows: dict[str, Report], seconds: dict[str, float]) -> list[str]:
 
     These are within a factor of three of the fastest. One that left a query without an answer has
     an infinite error, and comes after those that did not.
+
+    Args:
+        rows: rows of the work-precision table by method.
+        seconds: median time of a query by method.
+
+    Returns:
+        Names of all methods, the favoured one first.
     """
     sure = [
         method for method in rows if math.isfinite(rows[method]["dual_full_floored_max"])

@@ -113,8 +113,16 @@ def front(marks: Sequence[Mark]) -> list[Mark]:
 
 
 def work_precision(marks: Sequence[Mark], error: str) -> str:
-    """Errors over seconds of a query, a tail up to the largest with a tick at 95 %, and the Pareto
-    front.
+    """Chart of errors over seconds of a query, with the Pareto front.
+
+    A tail goes from the median to the largest error, with a tick at 95 %.
+
+    Args:
+        marks: one mark for each method and setting.
+        error: name of the error.
+
+    Returns:
+        An SVG element, empty without finite errors.
     """
     marks = [mark for mark in marks if math.isfinite(mark.error) and 0 < mark.seconds < math.inf]
     if not marks:
@@ -162,7 +170,19 @@ def _label(name: str, x: float, y: float, used: list[float]) -> str:
 
 
 def histogram(errors: Sequence[float], bounds: Sequence[float], error: str, bound: str) -> str:
-    """Numbers of answers over errors, as bars, and over bounds, as a line of steps; logarithmic."""
+    """Chart of the numbers of answers over errors, as bars; logarithmic.
+
+    A line of steps has the numbers over bounds.
+
+    Args:
+        errors: error of each answer.
+        bounds: bound or estimate of each answer; empty without.
+        error: name of the error.
+        bound: name of the bound.
+
+    Returns:
+        An SVG element, empty without finite errors.
+    """
     errors = [value for value in errors if math.isfinite(value)]
     bounds = [value for value in bounds if math.isfinite(value)]
     if not errors:
@@ -208,8 +228,18 @@ def map_of(
     names: tuple[str, str],
     box: Sequence[tuple[float, float]],
 ) -> str:
-    """Errors of answers over two parameters: the darker and larger a point, the larger its
-    error.
+    """Chart of errors of answers over two parameters.
+
+    The darker and larger a point, the larger its error.
+
+    Args:
+        points: values of both parameters for each answer, (n, 2).
+        errors: error of each answer.
+        names: names of the parameters.
+        box: lower and upper end of both parameters.
+
+    Returns:
+        An SVG element, empty without finite errors.
     """
     finite = [
         (x, y, error)

@@ -23,6 +23,7 @@ from hhr_dolfinx.certify.accuracy import (
 )
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, OutsideTrainingWarning
+from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import Model
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.snapshots.records import Lost, Progress, SnapshotSet, compute_snapshots
@@ -127,11 +128,22 @@ def answer_errors(
     floor: float,
     inside: np.ndarray | None = None,
 ) -> dict[str, float]:
-    """Relative errors of displacement and forces against exact ones, with θ of their point.
+    """Relative errors of displacement and forces against exact ones.
 
     ``*_floored`` divides by at least ``floor``, since a relative error is not meaningful near
     grazing contact. ``dual_full`` covers the whole contact surface, ``dual_rid`` the conditions
     ``inside`` the RID.
+
+    Args:
+        problem: contact problem at the point.
+        answer: displacement, (N,), and forces, (N_lambda,).
+        exact: those of the full model.
+        theta: amplitudes θ of the load terms at the point.
+        floor: least denominator of relative errors of forces.
+        inside: conditions inside the RID; None without a RID.
+
+    Returns:
+        Errors by name.
     """
     size = max(problem.doubled_energy(exact[0] - problem.lifts @ theta, theta), 0.0) ** 0.5
     errors = {
@@ -159,11 +171,21 @@ class References:
 
     @classmethod
     def at(
-        cls, points: np.ndarray, full_order: Any, training: SnapshotSet, progress: Progress = iter
+        cls,
+        points: np.ndarray,
+        full_order: FullOrderModel,
+        training: SnapshotSet,
+        progress: Progress = iter,
     ) -> References:
         """Solve the full model at test points, (n, P); the floor is that of its training solutions.
 
         Points without an answer are left out, with a warning.
+
+        Args:
+            points: test points, (n, P).
+            full_order: the full model.
+            training: training solutions.
+            progress: wraps an iterable for a progress bar.
         """
         lost = Lost()
         solutions = compute_snapshots(full_order, points, progress, lost=lost)

@@ -18,6 +18,8 @@ from hhr_dolfinx.files import replacing
 from hhr_dolfinx.plugins.studies import charts
 from hhr_dolfinx.plugins.studies.advice import in_words
 
+JsonObject = Mapping[str, Any]
+"""Report, or a part of it with names, as ``report.json`` has it."""
 LONG_CELL = 18
 """Length of the text of a cell above which it may break into several lines."""
 MAPPED_PARAMETERS = 3
@@ -119,7 +121,7 @@ def write_page(folder: str | Path) -> Path:
     return path
 
 
-def page_of(report: Mapping[str, Any], folder: Path) -> str:
+def page_of(report: JsonObject, folder: Path) -> str:
     """The page of a report and the pictures in a folder; missing parts of the report are left
     out.
     """
@@ -166,12 +168,12 @@ def page_of(report: Mapping[str, Any], folder: Path) -> str:
     )
 
 
-def _mapping(value: object) -> Mapping[str, Any]:
+def _mapping(value: object) -> JsonObject:
     """A part of a report that is a table by name; empty if it is missing or no table."""
     return value if isinstance(value, Mapping) else {}
 
 
-def _mappings(value: object) -> list[Mapping[str, Any]]:
+def _mappings(value: object) -> list[JsonObject]:
     return [row for row in value if isinstance(row, Mapping)] if isinstance(value, list) else []
 
 
@@ -242,7 +244,7 @@ def _note(texts: Iterable[str]) -> str:
     return f'<p class="small">{escape(listed)}</p>' if listed else ""
 
 
-def _asked(report: Mapping[str, Any]) -> str:
+def _asked(report: JsonObject) -> str:
     box = [
         [_named(row), *(_text(row.get(name)) for name in ("from", "to"))]
         for row in _mappings(report.get("parameters"))
@@ -259,7 +261,7 @@ def _asked(report: Mapping[str, Any]) -> str:
     )
 
 
-def _named(row: Mapping[str, Any]) -> str:
+def _named(row: JsonObject) -> str:
     unit = row.get("unit")
     return _text(row.get("name")) + (f" [{_text(unit)}]" if unit else "")
 
@@ -278,7 +280,7 @@ METHOD_HEAD = (
 )
 
 
-def error_rows(errors: Mapping[str, Any]) -> dict[str, list[str]]:
+def error_rows(errors: JsonObject) -> dict[str, list[str]]:
     """Cells of the ``errors`` of a report by key, below :data:`ERROR_HEAD`."""
     return {
         key: [
@@ -290,7 +292,7 @@ def error_rows(errors: Mapping[str, Any]) -> dict[str, list[str]]:
     }
 
 
-def time_rows(times: Mapping[str, Any]) -> list[list[str]]:
+def time_rows(times: JsonObject) -> list[list[str]]:
     """Cells of the ``times`` of a report, below :data:`TIME_HEAD`."""
     base: Any = _mapping(times.get("online") or times.get("condensed")).get("median")
     rows = []
@@ -308,7 +310,7 @@ def time_rows(times: Mapping[str, Any]) -> list[list[str]]:
     return rows
 
 
-def output_rows(outputs: Mapping[str, Any]) -> list[list[str]]:
+def output_rows(outputs: JsonObject) -> list[list[str]]:
     """Cells of the ``outputs`` of a report, below :data:`OUTPUT_HEAD`."""
     rows = []
     for name, entry in outputs.items():
@@ -318,7 +320,7 @@ def output_rows(outputs: Mapping[str, Any]) -> list[list[str]]:
     return rows
 
 
-def method_rows(methods: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+def method_rows(methods: Sequence[JsonObject]) -> list[list[str]]:
     """Cells of the ``work_precision`` of a report, below :data:`METHOD_HEAD`."""
     rows = []
     for row in methods:
@@ -336,7 +338,7 @@ def method_rows(methods: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     return rows
 
 
-def _errors(errors: Mapping[str, Any], mesh: Mapping[str, Any]) -> str:
+def _errors(errors: JsonObject, mesh: JsonObject) -> str:
     rows = error_rows(errors)
     main = [row for key, row in rows.items() if key in MAIN_ERRORS] or list(rows.values())
     remaining = [row for row in rows.values() if row not in main]
@@ -358,7 +360,7 @@ def _errors(errors: Mapping[str, Any], mesh: Mapping[str, Any]) -> str:
     return _section("How large are the errors?", *blocks)
 
 
-def _times(times: Mapping[str, Any]) -> str:
+def _times(times: JsonObject) -> str:
     stages = [value for value in _mapping(times.get("offline")).values() if _is_number(value)]
     cost = (
         f"<p>Before the first answer: {escape(_seconds(sum(stages)))} of training and building.</p>"
@@ -367,14 +369,14 @@ def _times(times: Mapping[str, Any]) -> str:
     return _section("How long does an answer take?", table, cost if stages else "")
 
 
-def _break_even(even: Mapping[str, Any]) -> str:
+def _break_even(even: JsonObject) -> str:
     counts = [
         f"{count:.0f} queries ({product})" for product, count in even.items() if _is_number(count)
     ]
     return f"<p>It pays after {escape(', '.join(counts))}.</p>" if counts else ""
 
 
-def _charts(report: Mapping[str, Any]) -> str:
+def _charts(report: JsonObject) -> str:
     """Errors over times of all methods.
 
     For elastic scenes distributions of errors and bounds, and their position.
@@ -422,7 +424,7 @@ def _charts(report: Mapping[str, Any]) -> str:
     return f'<section class="charts">{body}</section>' if body else ""
 
 
-def _marks(rows: Sequence[Mapping[str, Any]], key: str) -> list[charts.Mark]:
+def _marks(rows: Sequence[JsonObject], key: str) -> list[charts.Mark]:
     """Marks of the methods whose error of a key is known."""
     return [
         charts.Mark(
@@ -440,7 +442,7 @@ def _marks(rows: Sequence[Mapping[str, Any]], key: str) -> list[charts.Mark]:
     ]
 
 
-def _maps(report: Mapping[str, Any], errors: list[float]) -> list[str]:
+def _maps(report: JsonObject, errors: list[float]) -> list[str]:
     """Errors over each of the first parameters and the next one.
 
     Empty if the points do not have these parameters.
@@ -516,7 +518,7 @@ def _loading(folder: Path) -> str:
     )
 
 
-def _checks(residuals: Mapping[str, Any]) -> str:
+def _checks(residuals: JsonObject) -> str:
     rows = [
         [_words(name), f"{value:.2g}"] for name, value in residuals.items() if _is_number(value)
     ]
@@ -529,7 +531,7 @@ def _checks(residuals: Mapping[str, Any]) -> str:
     return _section("What is left of the equations", table and table + caption)
 
 
-def _others(report: Mapping[str, Any]) -> str:
+def _others(report: JsonObject) -> str:
     """Parts without a separate place, folded, each as a table."""
     shown = {key: value for key, value in report.items() if key not in TOLD}
     for key in ("errors", "times"):

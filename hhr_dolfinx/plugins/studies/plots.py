@@ -164,6 +164,11 @@ def draw_study(study: Any, view: View, folder: Path) -> None:
     They show contact pressures at the points of the view, and fields at the last of them or at the
     last step of the last test history: RID, displacement, stress and fields of laws, also for
     ParaView. Others show errors over the parameter if there is only one, or a history over time.
+
+    Args:
+        study: the study.
+        view: points, units and components to draw.
+        folder: folder of the pictures.
     """
     full = study.training.full_order
     model = study.model
@@ -258,7 +263,12 @@ def _cells_of(model: KeptModel) -> np.ndarray:
 
 
 def in_units(view: View, units: Units | None) -> View:
-    """The view with the unit of stress of a scene, if it has none."""
+    """The view with the unit of stress of a scene, if it has none.
+
+    Args:
+        view: the view.
+        units: units of the scene; None without.
+    """
     return (
         view
         if view.stress is not None
@@ -267,7 +277,14 @@ def in_units(view: View, units: Units | None) -> View:
 
 
 def along(view: View, places: np.ndarray, pair: int, units: Units | None) -> tuple[np.ndarray, str]:
-    """Positions of the conditions of one contact along its surface, (m,), and their label."""
+    """Positions of the conditions of one contact along its surface, (m,), and their label.
+
+    Args:
+        view: view of the study.
+        places: coordinates of the conditions, (m, dim).
+        pair: index of the contact.
+        units: units of the scene; None without.
+    """
     unit = "" if units is None else f" [{units.length}]"
     meant = pair == (view.pair or 0)
     if meant and view.position is not None:
@@ -317,7 +334,13 @@ def _pressures_of(
 def field_grid(
     full: FullOrderModel, rid_cells: np.ndarray, fields: dict[str, np.ndarray]
 ) -> pyvista.UnstructuredGrid:
-    """Mesh with displacement fields by name, (N,) each, and the RID as the cell field ``rid``."""
+    """Mesh with displacement fields by name, and the RID as the cell field ``rid``.
+
+    Args:
+        full: the full model.
+        rid_cells: cells of the RID.
+        fields: displacements by name, (N,) each.
+    """
     # points are the nodes of the space, in the order of its dofs
     grid = pyvista.UnstructuredGrid(*vtk_mesh(full.discretisation.space))
     for name, field in fields.items():
@@ -330,7 +353,14 @@ def field_grid(
 def plot_curves(
     lines: Curves, path: Path, labels: tuple[str, str], *, logarithmic: bool = False
 ) -> None:
-    """Curves by name, joined in the order of positions."""
+    """Plot curves by name, joined in the order of positions.
+
+    Args:
+        lines: positions and values by name.
+        path: file of the picture.
+        labels: labels of both axes.
+        logarithmic: scale the second axis by logarithms.
+    """
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.subplots()
     _draw_lines(axes, lines, ".-")
@@ -340,7 +370,12 @@ def plot_curves(
 
 
 def plot_panels(panels: Sequence[Panel], path: Path) -> None:
-    """Drawings, three in a row, with one legend for all of them."""
+    """Plot panels, three in a row, with one legend for all of them.
+
+    Args:
+        panels: the panels.
+        path: file of the picture.
+    """
     columns = min(len(panels), 3)
     rows = -(-len(panels) // columns)
     figure = Figure(figsize=(1.5 + 5.5 * columns, 4.2 * rows + 0.6), layout="constrained")

@@ -37,7 +37,15 @@ LONGEST_CELL = 160
 def make_report(
     training: Training, model: KeptModel, measured: Measurement, rows: list[Report], seed: int
 ) -> Report:
-    """All figures of a study under the keys that scenes share; SI units, seconds, fractions."""
+    """All figures of a study under the keys that scenes share; SI units, seconds, fractions.
+
+    Args:
+        training: training of the scene.
+        model: model under study.
+        measured: errors and times of the models.
+        rows: rows of the work-precision table.
+        seed: seed of the test points.
+    """
     report = {
         **frame(training, model, seed),
         "errors": measured.own.errors.summaries(),
@@ -59,8 +67,11 @@ def make_report(
 
 
 def model_report(model: ReducedModel, row: Row) -> Report:
-    """One of the ``models`` of a report: a reduced model, its errors and the seconds of its
-    answers.
+    """One of the ``models`` of a report, with its errors and the seconds of its answers.
+
+    Args:
+        model: a reduced model.
+        row: its errors and times.
     """
     return {
         "sizes": reduced_sizes(model),
@@ -76,7 +87,12 @@ def _stability(found: Stability) -> Report:
 
 
 def errors_and_times(model: KeptModel, row: Row) -> Report:
-    """Common part of all ``models`` of a report."""
+    """Common part of all ``models`` of a report.
+
+    Args:
+        model: a model.
+        row: its errors and times.
+    """
     return {
         "errors": row.errors.summaries(),
         "unconverged": row.errors.unanswered,
@@ -146,7 +162,13 @@ def _pays(times: Report, spent: float, kind: str) -> float | None:
 
 
 def frame(training: Training, model: KeptModel, seed: int) -> Report:
-    """The part of a report without measurements."""
+    """Part of a report without measurements.
+
+    Args:
+        training: training of the scene.
+        model: model under study.
+        seed: seed of the test points.
+    """
     problem = training.full_order.problem
     offline = model.offline
     report: Report = {
@@ -214,6 +236,14 @@ def write_report(report: Report | list[Report], folder: str | Path, name: str = 
     """Write ``report.json``, or rows under another name.
 
     Numbers that are not finite become null, as JSON requires.
+
+    Args:
+        report: the report, or rows of a table.
+        folder: folder of the file.
+        name: name of the file without ending.
+
+    Returns:
+        Path of the file.
     """
     path = Path(folder) / f"{name}.json"
     text = json.dumps(finite(report), indent=2, allow_nan=False)
@@ -230,7 +260,12 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
 
 
 def print_report(report: Report, console: Console) -> None:
-    """Print the main figures, in the words of ``report.html``."""
+    """Print the main figures, in the words of ``report.html``.
+
+    Args:
+        report: the report.
+        console: console to print to.
+    """
     console.print(_sizes_in_words(report))
     console.print(_table(page.ERROR_HEAD, page.error_rows(report["errors"]).values()))
     console.print(_table(page.TIME_HEAD, page.time_rows(report["times"])))
@@ -262,8 +297,8 @@ def print_report(report: Report, console: Console) -> None:
         )
         console.print(
             f"time steps of the full order, {description}: off by {row['median']:.2%} of the "
-            f"largest stress or displacement by estimate (median of the histories), {row['max']:.2%} at "
-            "worst; small models take the same ones"
+            f"largest stress or displacement by estimate (median of the histories), "
+            f"{row['max']:.2%} at worst; small models take the same ones"
         )
     if "advice" in report:
         console.print(report["advice"])
