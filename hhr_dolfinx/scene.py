@@ -36,6 +36,7 @@ from hhr_dolfinx.units import Units
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from ufl import Mesh
     from ufl.core.expr import Expr
 
@@ -322,7 +323,7 @@ class Scene(KnownArguments):
             lines.append(f"  outputs: {', '.join(output.name for output in self.outputs)}")
         return "\n".join(lines)
 
-    def plot(self, path: str | Path | None = None) -> Any:
+    def plot(self, path: str | Path | None = None) -> Figure:
         """Plot bodies, contact surfaces, supports and loads, as a figure of matplotlib.
 
         Nothing is solved.

@@ -60,12 +60,16 @@ class Discretisation(DiscreteSpace):
     # False for a system that has matrices alone, and an ``answer_mesh(problem)`` of its own
     has_mesh = True
 
-    def __new__(cls, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD) -> Self:
-        """A system that brings its own matrices states the class that reads them,
-        ``discretised``.
+    def __new__(cls, scene: Scene | None = None, comm: MPI.Comm = MPI.COMM_WORLD) -> Self:
+        """Choose the class that a system states, ``discretised``; a copy has that of its original.
+
+        Args:
+            scene: the scene; None for a copy.
+            comm: processes of the model.
         """
-        stated = getattr(scene.system, "discretised", cls) if cls is Discretisation else cls
-        return super().__new__(stated)
+        if scene is None or cls is not Discretisation:
+            return super().__new__(cls)
+        return super().__new__(getattr(scene.system, "discretised", cls))
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         super().__init__(scene, comm)

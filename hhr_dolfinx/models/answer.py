@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from os import PathLike
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
@@ -20,6 +21,8 @@ from hhr_dolfinx.models.shown import Shown, counted, line, point_of, table
 from hhr_dolfinx.trained import USUAL
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from hhr_dolfinx.contact.law import ContactLaw
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.models.answer_mesh import AnswerMesh
@@ -37,7 +40,7 @@ Start = str | np.ndarray | Sequence[bool] | None
 of the free slack.
 """
 CheckedStart = str | np.ndarray | None
-"""The same with statuses as an array of bool, one for each condition."""
+"""Start with statuses as an array of bool, one for each condition."""
 
 
 class Meshed(Protocol):
@@ -316,9 +319,9 @@ class Answer(NamedTuple):
         return line("Answer", self.facts())
 
     def __str__(self) -> str:
-        """The same line, and one for each output of the scene with its unit."""
-        known = self.converged and self.fields.functionals is not None
-        return f"{self!r}\n{self.outputs()}" if known else repr(self)
+        """Line of ``repr``, and one for each output of the scene with its unit."""
+        has_outputs = self.converged and self.fields.functionals is not None
+        return f"{self!r}\n{self.outputs()}" if has_outputs else repr(self)
 
     def _repr_html_(self) -> str:
         return table("Answer", self.facts())
@@ -368,7 +371,12 @@ class Answer(NamedTuple):
             )
         return np.divide(forces, areas, out=np.full(len(areas), np.nan), where=areas > 0)
 
-    def plot(self, path: Any = None, full: Meshed | None = None, scale: float | None = None) -> Any:
+    def plot(
+        self,
+        path: str | PathLike[str] | None = None,
+        full: Meshed | None = None,
+        scale: float | None = None,
+    ) -> Figure:
         """Picture of the deformed bodies with their stress, and of pressure on contact surfaces.
 
         Closed surfaces are drawn closed. ``answer.to_pyvista()`` has the data for a notebook.
@@ -505,7 +513,12 @@ class History(Shown):
             path += [*zip(answer.ends, between, strict=True), (answer.time, answer.parameter)]
         return path
 
-    def plot(self, path: Any = None, y: str | Sequence[str] | None = None, x: str = "time") -> Any:
+    def plot(
+        self,
+        path: str | PathLike[str] | None = None,
+        y: str | Sequence[str] | None = None,
+        x: str = "time",
+    ) -> Figure:
         """Outputs over time, a parameter or another output, as loops of hysteresis are drawn.
 
         Args:

@@ -195,6 +195,12 @@ def check_power(reports, folder):
     assert found["cumulated inelastic strain"] > 1e-3
 
 
+def check_foreign(reports, folder):
+    """Each force is that of the other code, and each falsified file is refused or named."""
+    outcomes = {row["outcome"].partition(":")[0] for row in reports["report"]["foreign"]["cases"]}
+    assert outcomes <= {"right", "refused", "named"} and "right" in outcomes
+
+
 def check_flange(reports, folder):
     """Ten minutes in all; the reduction is exact, and the faces bear what the bolt has over the
     pressure.
@@ -232,6 +238,8 @@ def check_compose(reports, folder):
 
 CHECKS = {
     "bolt_preload": check_preload,
+    "demos_foreign": check_foreign,
+    "foreign": check_foreign,
     "compose": check_compose,
     "extreme_cases": check_extreme_cases,
     "flange": check_flange,
@@ -264,6 +272,8 @@ OF_PLUGINS = {
         "tables",
     ),
     "extreme_cases": ("baselines", "inelastic", "mortar"),
+    "demos_foreign": ("exporters", "foreign"),
+    "foreign": ("foreign", "nonmatching"),
     "flange": (
         "constraints",
         "decks",

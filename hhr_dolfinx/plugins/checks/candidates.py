@@ -53,8 +53,10 @@ class OuterFacets:
         corners = raw.points[facets]
         normals = outward(corners, raw.points[raw.cells[cells]].mean(axis=1))
         labels = components_of_nodes(len(raw.points), raw.cells)
-        every = [raw.points[labels == piece] for piece in range(labels.max(initial=-1) + 1)]
-        sizes = np.array([np.ptp(points, axis=0).max() if len(points) else 0.0 for points in every])
+        of_pieces = [raw.points[labels == piece] for piece in range(labels.max(initial=-1) + 1)]
+        sizes = np.array(
+            [np.ptp(points, axis=0).max() if len(points) else 0.0 for points in of_pieces]
+        )
         return cls(facets, corners, normals, labels[facets[:, 0]], sizes)
 
     @cached_property
@@ -80,6 +82,10 @@ class OuterFacets:
         A gap is the distance along the normal of a near facet that looks back. It is negative for
         an overlap, which is no deeper than ``LARGEST_OVERLAP`` of the smaller piece: two sides
         that look away from each other do not face.
+
+        Args:
+            rows: rows of the facets whose gaps are measured, f of them.
+            others: rows of the facets that they may face.
         """
         points = np.concatenate([self.corners[rows], self._middles[rows][:, None]], axis=1)
         normals = self.normals[others]
@@ -93,7 +99,7 @@ class OuterFacets:
         facing = across <= 1.001 * reach[near]
         facing &= np.einsum("fd,fptd->fpt", self.normals[rows], normals[near]) < FACING_COSINE
         deepest = LARGEST_OVERLAP * min(
-            self.sizes[self.pieces[one]].min() for one in (rows, others)
+            self.sizes[self.pieces[side]].min() for side in (rows, others)
         )
         facing &= (gaps >= 0) | ((gaps > -deepest) & self._inside(points, others)[..., None])
         return np.where(facing, gaps, np.inf).min(axis=2)
@@ -106,8 +112,8 @@ class OuterFacets:
         """
         of_pieces = np.flatnonzero(np.isin(self.pieces, self.pieces[rows]))
         nearest = of_pieces[cKDTree(self._middles[of_pieces]).query(points)[1]]
-        outside = np.einsum("fpd,fpd->fp", points - self._middles[nearest], self.normals[nearest])
-        return outside <= ON_FACET * self.sizes.max()
+        heights = np.einsum("fpd,fpd->fp", points - self._middles[nearest], self.normals[nearest])
+        return heights <= ON_FACET * self.sizes.max()
 
 
 def contact_candidates(raw: RawMesh) -> list[tuple[str, float]]:
@@ -116,19 +122,19 @@ def contact_candidates(raw: RawMesh) -> list[tuple[str, float]]:
     """
     if raw.points.shape[1] > raw.dim:  # shells have no outside
         return []
-    outside = OuterFacets.of(raw)
+    outer = OuterFacets.of(raw)
     names: dict[tuple[int, ...], str | int] = {}
     for name, facets in raw.all_surfaces().items():
-        rows = tuple(outside.rows(facets))
+        rows = tuple(outer.rows(facets))
         names[rows] = name if isinstance(name, str) else names.get(rows, name)
     pairs = []
     for first, second in combinations([list(rows) for rows in names if rows], 2):
-        pieces, others = (set(outside.pieces[rows].tolist()) for rows in (first, second))
-        limit = NEARBY_PIECES * min(outside.sizes[piece] for piece in pieces | others)
-        low, high = zip(*(_box(outside.corners[rows]) for rows in (first, second)), strict=True)
-        if pieces & others or (np.maximum(*low) > np.minimum(*high) + limit).any():
+        pieces, opposite = (set(outer.pieces[rows].tolist()) for rows in (first, second))
+        limit = NEARBY_PIECES * min(outer.sizes[piece] for piece in pieces | opposite)
+        low, high = zip(*(_box(outer.corners[rows]) for rows in (first, second)), strict=True)
+        if pieces & opposite or (np.maximum(*low) > np.minimum(*high) + limit).any():
             continue
-        gap = min(outside.gaps(*rows).min() for rows in ((first, second), (second, first)))
+        gap = min(outer.gaps(*rows).min() for rows in ((first, second), (second, first)))
         if gap <= limit:
             pairs.append((f"{names[tuple(first)]} and {names[tuple(second)]}", float(gap)))
     return sorted(pairs, key=lambda item: item[1])
@@ -139,8 +145,11 @@ def _box(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def outward(corners: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Unit normals, (f, dim), of facets with corners (f, k, dim) that point away from a point of
-    their cells.
+    """Outer unit normals of facets, (f, dim).
+
+    Args:
+        corners: corners of the facets, (f, k, dim).
+        inside: a point of the cell of each facet, (f, dim).
     """
     edges = corners[:, 1:3] - corners[:, :1]
     normals = (

@@ -49,55 +49,55 @@ def check_scene(scene: Scene, point: PointLike | None = None) -> SceneCheck:
     Raises:
         ParameterError: for a point outside the box.
     """
-    found = SceneCheck(scene)
+    check = SceneCheck(scene)
     space = scene.parameters
     middle = space.middle if point is None else space.point(point)
-    with found.heard():
-        found.discretisation = Discretisation(scene, MPI.COMM_SELF)
-    if found.discretisation is None:
-        return found
-    has_mesh = found.discretisation.has_mesh  # a system of other codes has none
+    with check.heard():
+        check.discretisation = Discretisation(scene, MPI.COMM_SELF)
+    if check.discretisation is None:
+        return check
+    has_mesh = check.discretisation.has_mesh  # a system of other codes has none
     if has_mesh:
-        look_at_mesh(found)
-        _names(found)
-    _units(found)
-    for item in scene.contacts:  # separately, so that all of them are reported
+        look_at_mesh(check)
+        _names(check)
+    _units(check)
+    for contact in scene.contacts:  # separately, so that all of them are reported
         surfaces: list[Surface] = []
         rows = None
-        with found.heard():
-            surfaces = [found.discretisation.surface(tag) for tag in item.tags]
-            rows = item.rows(surfaces, found.discretisation.size)
-        found.pairs.append((surfaces, rows))
+        with check.heard():
+            surfaces = [check.discretisation.surface(tag) for tag in contact.tags]
+            rows = contact.rows(surfaces, check.discretisation.size)
+        check.pairs.append((surfaces, rows))
     if has_mesh:
-        look_at_joints(found)
-    look_at_common_nodes(found)
-    if found.mistakes:
-        return found
+        look_at_joints(check)
+    look_at_common_nodes(check)
+    if check.mistakes:
+        return check
     problem = None
     laws = None
-    with found.heard():
-        problem, laws = _problem(found.discretisation)
+    with check.heard():
+        problem, laws = _problem(check.discretisation)
     if problem is not None:
-        _size(found, problem)
-        _gaps(found, problem, middle)
-        _supports(found, problem)
+        _size(check, problem)
+        _gaps(check, problem, middle)
+        _supports(check, problem)
         for load in scene.loads if has_mesh else ():
-            with found.heard():
-                _load(found, load, middle)
-        _outputs(found, problem, laws)
-    return found
+            with check.heard():
+                _load(check, load, middle)
+        _outputs(check, problem, laws)
+    return check
 
 
-def _units(found: SceneCheck) -> None:
+def _units(check: SceneCheck) -> None:
     """Parameters whose unit is another one than that of the scene: labels convert nothing."""
-    units = found.scene.units
-    labels = found.scene.parameter_units
+    units = check.scene.units
+    labels = check.scene.parameter_units
     if units is None:
         return
-    for name in found.scene.parameters.names:
+    for name in check.scene.parameters.names:
         expected = units.conflict(labels.get(name, ""))
         if expected is not None:
-            found.note(
+            check.note(
                 f"parameter {name} is said to be in {labels[name]}, and numbers of the scene are "
                 f"in {expected}: a label converts nothing. Give its box in that unit, unless its "
                 "formulas convert it"
@@ -111,63 +111,67 @@ def _problem(discretisation: Discretisation) -> tuple[ContactProblem, BodiesWith
     return discretisation.checked(problem), laws
 
 
-def _size(found: SceneCheck, problem: ContactProblem) -> None:
+def _size(check: SceneCheck, problem: ContactProblem) -> None:
     dofs = problem.free.size
     conditions = len(problem.gaps)
     size = f"{dofs} dofs and {conditions} conditions of contact"
     expected = registry.offered("expected_in_space")
     if problem.block_size == 2 or dofs < LARGE_IN_SPACE or expected is None:
-        found.say(size)
+        check.say(size)
         return
     memory, seconds, keeps = expected(problem.contact)
-    kept = "" if keeps else ", and a displacement one more solution"
+    extra = "" if keeps else ", and a displacement one more solution"
     time = f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} minutes"
-    found.say(f"{size}: a full model takes about {memory:.2g} GB and {time} on one core{kept}")
+    check.say(f"{size}: a full model takes about {memory:.2g} GB and {time} on one core{extra}")
 
 
-def _places_of(constraint: Any) -> list[Any]:
+def _tags_of(constraint: Any) -> list[Any]:
     """Surfaces, sets and places that a constraint names."""
-    own = [
+    tags = [
         getattr(constraint, name, None)
         for name in ("place", "slave", "master", "follower", "leader", "section")
     ]
-    return own + [place for place, *_ in getattr(constraint, "terms", ())]
+    return tags + [tag for tag, *_ in getattr(constraint, "terms", ())]
 
 
-def _names(found: SceneCheck) -> None:
-    scene = found.scene
-    discretisation = found.meshed
-    used: set[Any] = {item.tag for item in scene.displacements} | {
-        tag for item in scene.contacts for tag in item.tags
+def _names(check: SceneCheck) -> None:
+    scene = check.scene
+    discretisation = check.meshed
+    used: set[Any] = {displacement.tag for displacement in scene.displacements} | {
+        tag for contact in scene.contacts for tag in contact.tags
     }
     used |= {getattr(load, "tag", getattr(load, "place", None)) for load in scene.loads}
-    used |= {place for item in scene.constraints for place in _places_of(item)}
+    used |= {tag for constraint in scene.constraints for tag in _tags_of(constraint)}
     # the other side of a cut has the name of the section with an ending
-    cuts = [item.section for item in scene.constraints if hasattr(item, "section")]
+    cuts = [cut.section for cut in scene.constraints if hasattr(cut, "section")]
     facets = discretisation.names.facets
     # a set of all nodes has the facets of all surfaces
     named = {
         number for tag in used if isinstance(tag, int | str) for number in facets.get(tag, (tag,))
     }
     idle = sorted(
-        name for name, own in facets.items() if isinstance(name, str) and not named & set(own)
+        name
+        for name, numbers in facets.items()
+        if isinstance(name, str) and not named & set(numbers)
     )
     idle = [name for name in idle if not any(name.startswith(f"{cut}_") for cut in cuts)]
     if idle:
-        found.note(f"the mesh has surfaces that nothing names: {', '.join(idle)}")
-    left_out = [f"{name}: {why}" for name, why in discretisation.names.summary.left_out.items()]
+        check.note(f"the mesh has surfaces that nothing names: {', '.join(idle)}")
+    left_out = [
+        f"{name}: {reason}" for name, reason in discretisation.names.summary.left_out.items()
+    ]
     if left_out:
         more = (
             f"; and {len(left_out) - MOST_LEFT_OUT} more" if len(left_out) > MOST_LEFT_OUT else ""
         )
-        said = "; ".join(left_out[:MOST_LEFT_OUT])
-        found.note(
-            f"the mesh file has what is left out: {said}{more}. `hhr check` of the file itself "
+        listed = "; ".join(left_out[:MOST_LEFT_OUT])
+        check.note(
+            f"the mesh file has what is left out: {listed}{more}. `hhr check` of the file itself "
             "lists all"
         )
 
 
-def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None:
+def _gaps(check: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None:
     """Compare distances of the surfaces with the sag of their facets."""
     theta = problem.amplitudes(point)
     gaps = problem.gaps @ theta
@@ -177,71 +181,71 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
         if problem.whole_contact is None
         else gaps + problem.whole_contact @ (problem.lifts @ theta)
     )
-    unit = found.length
-    for place, (surfaces, made) in enumerate(found.pairs):
-        rows = problem.pressing_of(place)
+    unit = check.length
+    for contact, (surfaces, contact_rows) in enumerate(check.pairs):
+        rows = problem.pressing_of(contact)
         names = " and ".join(repr(surface.tag) for surface in surfaces)
         if not rows.size:
-            found.note(
-                f"contact {place} of {names}: displacements are imposed on all of its nodes, and "
+            check.note(
+                f"contact {contact} of {names}: displacements are imposed on all of its nodes, and "
                 "it does nothing. Leave it out, or hold other surfaces"
             )
             continue
         sag = max(sag_of(surface) for surface in surfaces)
-        own = still[rows]
+        values = still[rows]
         closed = ""
-        law = found.scene.laws[place]
+        law = check.scene.laws[contact]
         by_law = "" if law is None else f", {law.words}"
         first = surfaces[0]
-        idle = 0 if made is None else np.setdiff1d(first.nodes, made.slaves).size
+        idle = 0 if contact_rows is None else np.setdiff1d(first.nodes, contact_rows.slaves).size
         left_out = (
             f", {idle} of {first.nodes.size} nodes of {first.tag!r} face nothing" if idle else ""
         )
-        if not np.allclose(own, gaps[rows], rtol=1e-9, atol=1e-9 * np.abs(own).max()):
+        if not np.allclose(values, gaps[rows], rtol=1e-9, atol=1e-9 * np.abs(values).max()):
             low = gaps[rows].min()
             high = gaps[rows].max()
             closed = (
                 f" as drawn, which imposed displacements bring to {low:.3g} to {high:.3g}{unit} at "
-                f"{found.scene.parameters.described(point)}"
+                f"{check.scene.parameters.described(point)}"
             )
-        found.say(
-            f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to "
-            f"{own.max():.3g}{unit}{closed}, "
+        check.say(
+            f"contact {contact} of {names}: {values.size} conditions, gaps from "
+            f"{values.min():.3g} to {values.max():.3g}{unit}{closed}, "
             f"{f'facets sag by {sag:.2g}{unit}' if sag else 'facets are flat'}{by_law}{left_out}"
         )
-        _overlap(found, place, -float(still[rows].min()), sag, point)
+        _overlap(check, contact, -float(still[rows].min()), sag, point)
         small = [
-            float(own.min()),
+            float(values.min()),
             float(problem.amplitudes.least(problem.gaps[rows], problem.parameters)[0].min()),
         ]
         small = [gap for gap in small if TOUCHING_AS_DRAWN * sag < gap < SMALL_GAP * sag]
         if small:
-            found.note(
-                f"contact {place} of {names}: the smallest gap, {small[0]:.3g}{unit}, is below "
+            check.note(
+                f"contact {contact} of {names}: the smallest gap, {small[0]:.3g}{unit}, is below "
                 f"twice the sag of facets, {sag:.2g}{unit}: which nodes touch first is made by "
                 "the mesh. Refine the curved surfaces"
             )
 
 
-def _overlap(found: SceneCheck, place: int, depth: float, sag: float, point: np.ndarray) -> None:
+def _overlap(check: SceneCheck, contact: int, depth: float, sag: float, point: np.ndarray) -> None:
     """Report bodies that overlap by their gaps, (m,), or as drawn; pairings miss deep overlaps."""
-    scene = found.scene
-    surfaces = found.pairs[place][0]
+    scene = check.scene
+    surfaces = check.pairs[contact][0]
     names = " and ".join(repr(surface.tag) for surface in surfaces)
-    why = ""
-    opened = scene.opened(place, point)
-    drawn = len(surfaces) == 2 and not scene.overwritten(place)
+    reason = ""
+    opened = scene.opened(contact, point)
+    drawn = len(surfaces) == 2 and not scene.overwritten(contact)
     for first, second in (surfaces, surfaces[::-1]) if drawn else ():
-        count, deep = depth_inside(found, first, second)
+        count, deep = depth_inside(check, first, second)
         if deep - opened > max(depth, OVERLAP * sag):
             depth = deep - opened
-            inside = f", and {count} nodes of {first.tag!r} lie inside the body of {second.tag!r}"
-            why = inside if count else ", by its opening"
+            message = f", and {count} nodes of {first.tag!r} lie inside the body of {second.tag!r}"
+            reason = message if count else ", by its opening"
     if depth > OVERLAP * max(sag, 1e-12):
-        found.note(
-            f"contact {place} of {names}: bodies overlap by {depth:.3g}{found.length} before "
-            f"anything moves{why}. Move them apart in the mesh, or by an Opening; leave it where "
-            "a press fit is meant"
+        check.note(
+            f"contact {contact} of {names}: bodies overlap by {depth:.3g}{check.length} "
+            f"before anything moves{reason}. Move them apart in the mesh, or by an Opening; leave "
+            "it where a press fit is meant"
         )
 
 
@@ -261,72 +265,74 @@ def sag_of(surface: Surface) -> float:
     return float((lengths * angles * surface.sag_shares()).max() / 4)
 
 
-def _supports(found: SceneCheck, problem: ContactProblem) -> None:
-    free = found.meshed.free_bodies(problem)
+def _supports(check: SceneCheck, problem: ContactProblem) -> None:
+    free = check.meshed.free_bodies(problem)
     for body in free:
-        found.note(
+        check.note(
             f"{body.name} is held by contact alone: without contact it "
             f"{body.described(body.left)}. If that is not meant, hold it by a Displacement"
         )
     if not free:
-        found.say(
+        check.say(
             "displacements and constraints hold every body"
-            if found.scene.constraints
+            if check.scene.constraints
             else "displacements hold every body"
         )
 
 
-def _load(found: SceneCheck, load: Load, point: np.ndarray) -> None:
+def _load(check: SceneCheck, load: Load, point: np.ndarray) -> None:
     """Report the resultant of a load for the amplitude 1, or a load without effect."""
-    discretisation = found.meshed
+    discretisation = check.meshed
     dim = discretisation.mesh.geometry.dim
     terms = checked_terms(load, discretisation.assembler(load))
     name = f"{type(load).__name__} on {getattr(load, 'tag', getattr(load, 'place', 'the scene'))!r}"
     columns = [csc_matrix(term.columns) for term in terms]
-    if not any(part.nnz for part in columns):
-        found.say(
+    if not any(block.nnz for block in columns):
+        check.say(
             f"{name} reaches nothing: its nodal forces are zero. Name another tag, or leave it out",
             MISTAKE,
         )
         return
     amplitudes = [term.amplitude for term in terms]
-    listed = Terms(found.scene.parameters, loads=terms)
+    listed = Terms(check.scene.parameters, loads=terms)
     forces = listed.columns("loads", discretisation.size) @ listed.amplitudes()(point)
-    found.forces.append((name, forces.reshape(-1, dim)))
+    check.forces.append((name, forces.reshape(-1, dim)))
     still = all(
-        isinstance(one, Amplitude) and not one.constant and not any(one.slopes.values())
-        for one in amplitudes
+        isinstance(amplitude, Amplitude)
+        and not amplitude.constant
+        and not any(amplitude.slopes.values())
+        for amplitude in amplitudes
     )
     if still and hasattr(load, "stiffness"):
-        found.say(f"{name}: a spring to a ground that does not move")
+        check.say(f"{name}: a spring to a ground that does not move")
         return
     if still:
-        found.note(
+        check.note(
             f"{name} has the amplitude 0 for all parameters, and does nothing: give it another, "
             "or leave it out"
         )
         return
-    if all(part.shape[1] == 1 for part in columns):
-        total = np.sum([part.toarray().reshape(-1, dim).sum(axis=0) for part in columns], axis=0)
+    if all(block.shape[1] == 1 for block in columns):
+        total = np.sum([block.toarray().reshape(-1, dim).sum(axis=0) for block in columns], axis=0)
         # balanced forces leave round-off
-        total[np.abs(total) < 1e-12 * sum(abs(part).sum() for part in columns)] = 0.0
-        found.say(
+        total[np.abs(total) < 1e-12 * sum(abs(block).sum() for block in columns)] = 0.0
+        check.say(
             f"{name}: resultant [{', '.join(f'{value:.6g}' for value in total)}] for the "
             "amplitude 1"
         )
     else:
-        found.say(
-            f"{name}: {sum(part.shape[1] for part in columns)} columns that depend on parameters"
+        check.say(
+            f"{name}: {sum(block.shape[1] for block in columns)} columns that depend on parameters"
         )
 
 
-def _outputs(found: SceneCheck, problem: ContactProblem, laws: BodiesWithLaws | None) -> None:
+def _outputs(check: SceneCheck, problem: ContactProblem, laws: BodiesWithLaws | None) -> None:
     from hhr_dolfinx.full_order.outputs import probe_of
 
     read = []
-    for output in found.scene.outputs:
-        with found.heard():
-            output.prepared(probe_of(output, found.meshed, problem, laws))
+    for output in check.scene.outputs:
+        with check.heard():
+            output.prepared(probe_of(output, check.meshed, problem, laws))
             read.append(repr(output.name))
     if read:
-        found.say(f"outputs: {', '.join(read)}")
+        check.say(f"outputs: {', '.join(read)}")

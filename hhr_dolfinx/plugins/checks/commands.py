@@ -63,23 +63,23 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
         return
     from hhr_dolfinx.plugins.checks.check import check_scene
 
-    made = scene_of(scene)
-    picture = picture or Path(f"{made.name}_check.png")
+    loaded = scene_of(scene)
+    picture = picture or Path(f"{loaded.name}_check.png")
     checked_target(picture, PICTURE_ENDINGS)
-    point = point_of(words, made.parameters, others=made.parameters.middle) if words else None
-    found = check_scene(made, point)
-    if mesh_error and not found.mistakes:
+    point = point_of(words, loaded.parameters, others=loaded.parameters.middle) if words else None
+    scene_check = check_scene(loaded, point)
+    if mesh_error and not scene_check.mistakes:
         from hhr_dolfinx.plugins.checks.mesh import look_at_mesh_error
 
-        look_at_mesh_error(found, point)
-    for finding in found.findings:
+        look_at_mesh_error(scene_check, point)
+    for finding in scene_check.findings:
         console.print(f"{finding.level:8} {finding.text}", highlight=False)
-    if found.discretisation is not None and found.discretisation.has_mesh:
+    if scene_check.discretisation is not None and scene_check.discretisation.has_mesh:
         from hhr_dolfinx.plugins.checks.drawing import figure_of_scene
 
-        figure_of_scene(found).savefig(picture, dpi=150)
+        figure_of_scene(scene_check).savefig(picture, dpi=150)
         console.print(f"picture: {picture}")
-    sys.exit(EXIT_NO_ANSWER if found.mistakes else 0)
+    sys.exit(EXIT_NO_ANSWER if scene_check.mistakes else 0)
 
 
 def _is_mesh(name: str) -> bool:
@@ -98,7 +98,7 @@ def _contents_of(name: str, picture: Path | None) -> str:
     from hhr_dolfinx.plugins.checks.candidates import contact_candidates
 
     raw = MeshFile(name).read()
-    found = summary_of(raw, Path(name)).text(MOST_NAMES)
+    text = summary_of(raw, Path(name)).text(MOST_NAMES)
     gaps = contact_candidates(raw)
     pairs = [
         f"    {names}: {'gap' if gap >= 0 else 'overlap'} {abs(gap):.3g}" for names, gap in gaps
@@ -107,23 +107,21 @@ def _contents_of(name: str, picture: Path | None) -> str:
         more = f"\n    and {len(pairs) - MOST_PAIRS} more" if len(pairs) > MOST_PAIRS else ""
         lines = "\n".join(pairs[:MOST_PAIRS])
         title = "surfaces that face each other, for contacts, with the smallest gaps of flat facets"
-        found = f"{found}\n  {title}:\n{lines}{more}"
+        text = f"{text}\n  {title}:\n{lines}{more}"
     elif raw.points.shape[1] > raw.dim:
-        found = (
-            f"{found}\n  the cells are shells in space, which are not supported: "
+        text = (
+            f"{text}\n  the cells are shells in space, which are not supported: "
             "mesh the volume of the bodies"
         )
     elif not raw.all_surfaces():
-        found = (
-            f"{found}\n  no surface has a name: `hhr start {name}` names the sides of the bodies"
-        )
+        text = f"{text}\n  no surface has a name: `hhr start {name}` names the sides of the bodies"
     geometry = f"its geometry, hhr.MeshFile({name!r})"
-    if (folded := offered("folded")) and (said := folded(raw, name)):
-        found = f"{found}\n{said}"
+    if (folded := offered("folded")) and (message := folded(raw, name)):
+        text = f"{text}\n{message}"
         geometry = "this geometry"
     if picture is not None:
         from hhr_dolfinx.plugins.checks.drawing import figure_of_mesh
 
         figure_of_mesh(raw, Path(name).name).savefig(picture, dpi=150)
-        found = f"{found}\npicture: {picture}"
-    return f"{found}\nA scene names these as Body, contacts and loads of {geometry}"
+        text = f"{text}\npicture: {picture}"
+    return f"{text}\nA scene names these as Body, contacts and loads of {geometry}"

@@ -117,19 +117,19 @@ def statuses(answer: Answer, full: Meshed | None = None) -> np.ndarray:
         closed = pressures > UNDER_LOAD * pressures.max(initial=0.0)
     values[pressing] = np.where(closed, CLOSED, OPEN)
     if answer.memory.get(FRICTION) is not None:
-        with_friction, known = _statuses_of_friction(meshed, answer)
-        values[with_friction] = known
+        with_friction, of_friction = _statuses_of_friction(meshed, answer)
+        values[with_friction] = of_friction
     return values
 
 
 def _statuses_of_friction(meshed: Meshed, answer: Answer) -> tuple[np.ndarray, np.ndarray]:
     """Conditions of pressures with friction and their statuses; none if they are unknown."""
-    known = np.asarray(answer.memory[FRICTION].statuses)
+    statuses = np.asarray(answer.memory[FRICTION].statuses)
     pressing = meshed.answer_mesh().pressing
     if is_full(meshed):
         law: Any = meshed.problem.law.of("friction")
-        return law.normal, known
-    if known.size == pressing.size:
-        return pressing, known
+        return law.normal, statuses
+    if statuses.size == pressing.size:
+        return pressing, statuses
     nothing = np.zeros(0, dtype=np.int64)
     return nothing, nothing

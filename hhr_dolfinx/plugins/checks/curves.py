@@ -63,21 +63,21 @@ def figure_of_history(
         ParameterError: for a history without steps, or an unknown name.
         HHRError: if the scene has no outputs.
     """
-    known = quantities(history)
+    by_name = quantities(history)
     wanted = [y] if isinstance(y, str) else y
     if wanted is None:
         wanted = list(_outputs_of(history))
     if not wanted:
         raise HHRError("this history has no outputs: name them in the scene, outputs=(...,)")
     for name in (x, *wanted):
-        if name not in known:
-            raise ParameterError(f"a history has no {name!r}: there are {', '.join(known)}")
-    groups = _panels([known[name] for name in wanted])
+        if name not in by_name:
+            raise ParameterError(f"a history has no {name!r}: there are {', '.join(by_name)}")
+    groups = _panels([by_name[name] for name in wanted])
     figure = Figure(figsize=(7, 1.2 + 2.6 * len(groups)), layout="constrained")
     panels = np.atleast_1d(figure.subplots(len(groups), 1, sharex=True))
     for axes, group in zip(panels, groups, strict=True):
-        _draw(axes, known[x], group)
-    panels[-1].set_xlabel(known[x].label)
+        _draw(axes, by_name[x], group)
+    panels[-1].set_xlabel(by_name[x].label)
     if path is not None:
         figure.savefig(path, dpi=RESOLUTION)
     return figure
@@ -120,7 +120,7 @@ def _panels(chosen: Sequence[Quantity]) -> list[list[Quantity]]:
             group
             for group in groups
             if group[0].unit == quantity.unit
-            and all(ALIKE * size >= other.size and ALIKE * other.size >= size for other in group)
+            and all(ALIKE * size >= member.size and ALIKE * member.size >= size for member in group)
         ]
         if fitting:
             fitting[0].append(quantity)

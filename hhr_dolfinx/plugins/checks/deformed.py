@@ -121,6 +121,11 @@ def factor_of(mesh: AnswerMesh, displacement: np.ndarray, pairs: list[_Pair]) ->
     """Power of ten, at least 1, by which displacements stay below a tenth of the mesh.
 
     Motions of whole bodies count by a third: displacements are taken less the mean of their body.
+
+    Args:
+        mesh: the mesh.
+        displacement: displacements of the nodes, (n, dim), in the unit of length.
+        pairs: contact conditions between two surfaces of the mesh.
     """
     largest = float(np.linalg.norm(displacement, axis=1).max(initial=0.0)) / 3
     for body in np.unique(mesh.bodies):
@@ -147,13 +152,13 @@ def _closing(mesh: AnswerMesh, factor: float, pairs: list[_Pair]) -> np.ndarray:
             shift = -factor * pair.opening + (1 - factor) * pair.drawn * pair.closed
             conditions.setdefault(pair.slave, []).append((pair.normal, shift))
     shifts = np.zeros_like(mesh.points)
-    largest = max((abs(t) for items in conditions.values() for _, t in items), default=0.0)
+    largest = max((abs(t) for at_node in conditions.values() for _, t in at_node), default=0.0)
     if largest < VISIBLE * extent:
         return shifts
     nodes = np.array(list(conditions))
-    for node, items in conditions.items():
-        normals = np.array([normal for normal, _ in items])
-        shifts[node] = np.linalg.lstsq(normals, np.array([t for _, t in items]), rcond=None)[0]
+    for node, at_node in conditions.items():
+        normals = np.array([normal for normal, _ in at_node])
+        shifts[node] = np.linalg.lstsq(normals, np.array([t for _, t in at_node]), rcond=None)[0]
     _follow(mesh, shifts, nodes)
     return shifts
 

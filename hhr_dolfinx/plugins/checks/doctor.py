@@ -30,8 +30,8 @@ class Found:
     lacks: str = ""
 
     def __str__(self) -> str:
-        said = f"{self.name:10}{self.version or 'not there'}"
-        return said + (f": {self.lacks}" if self.lacks else "")
+        text = f"{self.name:10}{self.version or 'not there'}"
+        return text + (f": {self.lacks}" if self.lacks else "")
 
 
 def solvers() -> list[Found]:
@@ -44,9 +44,9 @@ def solvers() -> list[Found]:
             Found("PETSc", "", "comes with DOLFINx"),
             Found("MUMPS", "", "comes with PETSc"),
         ]
-    found = compat.versions()
-    petsc = Found("PETSc", f"{found['petsc']}, SLEPc {found['slepc']}")
-    return [Found("DOLFINx", found["dolfinx"]), petsc, mumps()]
+    versions = compat.versions()
+    petsc = Found("PETSc", f"{versions['petsc']}, SLEPc {versions['slepc']}")
+    return [Found("DOLFINx", versions["dolfinx"]), petsc, mumps()]
 
 
 _FACTORS = """
@@ -98,23 +98,29 @@ print("gmsh", gmsh.GMSH_API_VERSION, knows_med())
 def gmsh() -> Found:
     """Check gmsh in a separate process: it fails to load if a system library is missing."""
     run = _output_of([sys.executable, "-c", _GMSH])
-    said = re.search(r"^gmsh (\S+) (\w+)$", run, re.MULTILINE)
-    if said is None:
-        why = run.strip().splitlines()[-1:] or ["no word"]
+    matched = re.search(r"^gmsh (\S+) (\w+)$", run, re.MULTILINE)
+    if matched is None:
+        last_line = run.strip().splitlines()[-1:] or ["no word"]
         return Found(
-            "gmsh", "", f"geometries of this package and most mesh files need it ({why[0]})"
+            "gmsh", "", f"geometries of this package and most mesh files need it ({last_line[0]})"
         )
     return Found(
         "gmsh",
-        said[1],
-        "" if said[2] == "True" else "MED, so that .med files are refused: write .msh",
+        matched[1],
+        "" if matched[2] == "True" else "MED, so that .med files are refused: write .msh",
     )
 
 
 def program(name: str, commands: tuple[str, ...], use: str) -> Found:
-    """Check a program by the first of some commands that exists."""
+    """Check a program by the first of some commands that exists.
+
+    Args:
+        name: name of the program in the report.
+        commands: commands to try, in order.
+        use: consequence of a missing program.
+    """
     beside = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
-    for command in filter(None, (shutil.which(one, path=beside) for one in commands)):
+    for command in filter(None, (shutil.which(candidate, path=beside) for candidate in commands)):
         version = re.search(r"\d+(\.\d+)+", _output_of([command, "--version"]))
         return Found(name, version[0] if version else "of unknown version")
     return Found(name, "", use)

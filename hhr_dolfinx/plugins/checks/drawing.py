@@ -39,27 +39,27 @@ def _unit(scene: Scene, of: str) -> str:
     return "" if scene.units is None else f" [{getattr(scene.units, of)}]"
 
 
-def figure_of_scene(found: SceneCheck) -> Figure:
+def figure_of_scene(check: SceneCheck) -> Figure:
     """Bodies, contact surfaces, supports and loads of a scene by name."""
-    look = MeshLook.of(found)
-    kind = found.meshed.mesh.topology.cell_name()
-    bodies = found.scene.bodies
+    look = MeshLook.of(check)
+    kind = check.meshed.mesh.topology.cell_name()
+    bodies = check.scene.bodies
     figure, axes = _new_figure(look.points)
-    for place, body in enumerate(bodies):
-        cells = look.cells[look.owner == place, : look.corners]
+    for index, body in enumerate(bodies):
+        cells = look.cells[look.owner == index, : look.corners]
         cells = cells[:, TENSOR_ORDER[kind]] if kind in TENSOR_ORDER else cells
         _draw_cells(
-            axes, look.points, kind, cells, {"facecolor": f"C{place}", "label": f"body {body.tag}"}
+            axes, look.points, kind, cells, {"facecolor": f"C{index}", "label": f"body {body.tag}"}
         )
-    for place, (surfaces, _) in enumerate(found.pairs):
-        label = f"contact {place}: " + " and ".join(str(surface.tag) for surface in surfaces)
+    for index, (surfaces, _) in enumerate(check.pairs):
+        label = f"contact {index}: " + " and ".join(str(surface.tag) for surface in surfaces)
         facets = [facet for surface in surfaces for facet in surface.points[surface.facets]]
         # facets of a line have two corners
         around = [facet[AROUND[len(facet)]] if len(facet) > 2 else facet for facet in facets]
-        _draw_facets(axes, around, f"C{len(bodies) + place}", label)
-    _draw_supports(found, axes, 5 if look.points.shape[1] == 2 else 4)
-    _draw_loads(found, axes)
-    _frame(figure, axes, look.points, _unit(found.scene, "length"), found.scene.name)
+        _draw_facets(axes, around, f"C{len(bodies) + index}", label)
+    _draw_supports(check, axes, 5 if look.points.shape[1] == 2 else 4)
+    _draw_loads(check, axes)
+    _frame(figure, axes, look.points, _unit(check.scene, "length"), check.scene.name)
     return figure
 
 
@@ -67,6 +67,13 @@ def figure_of_mesh(raw: RawMesh, title: str) -> Figure:
     """Bodies and surfaces of a mesh file by name.
 
     Each cell and each facet is drawn once, in the smallest set.
+
+    Args:
+        raw: the mesh.
+        title: title of the figure.
+
+    Returns:
+        A figure of matplotlib.
     """
     figure, axes = _new_figure(raw.points)
     free = np.ones(len(raw.cells), dtype=bool)
@@ -82,17 +89,19 @@ def figure_of_mesh(raw: RawMesh, title: str) -> Figure:
     if free.any():
         style = {"facecolor": "lightgray", "label": "in no body"}
         _draw_cells(axes, raw.points, raw.kind, raw.cells[free], style)
-    known: set[tuple[int, ...]] = set()
+    shown: set[tuple[int, ...]] = set()
     count = 0
     # large sets, such as the outside of a body, would hide what is in them
     for name, facets in sorted(
         raw.all_surfaces().items(), key=lambda item: (isinstance(item[0], int), len(item[1]))
     ):
         keys = list(map(tuple, np.sort(facets, axis=1).tolist()))
-        rest = [corners for key, corners in zip(keys, facets, strict=True) if key not in known]
-        known.update(keys)
-        if rest and count < MOST_SURFACES:
-            _draw_facets(axes, list(raw.points[np.array(rest)]), f"C{drawn}", f"surface {name}")
+        remaining = [corners for key, corners in zip(keys, facets, strict=True) if key not in shown]
+        shown.update(keys)
+        if remaining and count < MOST_SURFACES:
+            _draw_facets(
+                axes, list(raw.points[np.array(remaining)]), f"C{drawn}", f"surface {name}"
+            )
             drawn += 1
             count += 1
     _frame(figure, axes, raw.points, "", title)
@@ -156,18 +165,26 @@ def _frame(figure: Figure, axes: Axes, points: np.ndarray, unit: str, title: str
     figure.legend(loc="outside lower center", ncols=3, fontsize=8)
 
 
-def _draw_supports(found: SceneCheck, axes: Axes, size: float) -> None:
+def _draw_supports(check: SceneCheck, axes: Axes, size: float) -> None:
     """Marks on nodes with imposed displacements, of surfaces or of sets that may lie inside."""
-    discretisation = found.meshed
+    discretisation = check.meshed
     points = discretisation._points()
-    items = found.scene.displacements
-    for place, tag in enumerate(dict.fromkeys(item.tag for item in items)):
+    displacements = check.scene.displacements
+    for index, tag in enumerate(dict.fromkeys(displacement.tag for displacement in displacements)):
         which = ", ".join(
-            "xyz"[k] for k in sorted({item.component for item in items if item.tag == tag}) if k < 3
+            "xyz"[k]
+            for k in sorted(
+                {
+                    displacement.component
+                    for displacement in displacements
+                    if displacement.tag == tag
+                }
+            )
+            if k < 3
         )
         nodes = points[discretisation._tagged_dofs(tag, 0) // points.shape[1]]
         look: dict[str, Any] = {
-            "marker": SUPPORT_MARKS[place % len(SUPPORT_MARKS)],
+            "marker": SUPPORT_MARKS[index % len(SUPPORT_MARKS)],
             "color": "black",
             "fillstyle": "none",
         }
@@ -180,11 +197,11 @@ def _draw_supports(found: SceneCheck, axes: Axes, size: float) -> None:
         )
 
 
-def _draw_loads(found: SceneCheck, axes: Axes) -> None:
+def _draw_loads(check: SceneCheck, axes: Axes) -> None:
     """Arrows along nodal forces at the checked parameter, each load in a separate colour."""
-    points = found.meshed._points()
+    points = check.meshed._points()
     length = LENGTH * float(np.ptp(points, axis=0).max())
-    for place, (name, forces) in enumerate(found.forces):
+    for index, (name, forces) in enumerate(check.forces):
         sizes = np.linalg.norm(forces, axis=1)
         loaded = np.flatnonzero(sizes > FAINT * sizes.max(initial=0.0))
         if not loaded.size:
@@ -194,8 +211,8 @@ def _draw_loads(found: SceneCheck, axes: Axes) -> None:
         shown = loaded[np.unique(np.linspace(0, loaded.size - 1, MOST_ARROWS).round().astype(int))]
         ways = length * forces[shown] / sizes[shown, None]
         look: dict[str, Any] = {
-            "color": ARROWS[place % len(ARROWS)],
-            "label": f"load {place}: {name}",
+            "color": ARROWS[index % len(ARROWS)],
+            "label": f"load {index}: {name}",
         }
         starts = points[shown] - ways
         if points.shape[1] == 3:

@@ -24,14 +24,14 @@ def _middle(mesh: AnswerMesh, corners: tuple[int, ...]) -> int | None:
     Middle nodes are found by their positions in the first cell, in which VTK's orders agree.
     """
     first = mesh.points[mesh.cells[0]]
-    others = np.arange(CORNERS[mesh.kind], len(first))
-    if not others.size:
+    mid_nodes = np.arange(CORNERS[mesh.kind], len(first))
+    if not mid_nodes.size:
         return None
     middle = first[list(corners)].mean(axis=0)
-    distances = np.linalg.norm(first[others] - middle, axis=1)
+    distances = np.linalg.norm(first[mid_nodes] - middle, axis=1)
     nearest = int(distances.argmin())
     size = np.linalg.norm(first[list(corners)] - middle, axis=1).max()
-    return int(others[nearest]) if distances[nearest] < 0.3 * size else None
+    return int(mid_nodes[nearest]) if distances[nearest] < 0.3 * size else None
 
 
 def _split(mesh: AnswerMesh, face: tuple[int, ...]) -> list[tuple[int, ...]]:
@@ -41,17 +41,17 @@ def _split(mesh: AnswerMesh, face: tuple[int, ...]) -> list[tuple[int, ...]]:
         middle = _middle(mesh, face)
         return [face] if middle is None else [(face[0], middle), (middle, face[1])]
     middles = [_middle(mesh, edge) for edge in edges]
-    known = [middle for middle in middles if middle is not None]
-    if len(known) < len(face):
+    mid_nodes = [middle for middle in middles if middle is not None]
+    if len(mid_nodes) < len(face):
         return [face]
-    before = [known[-1], *known[:-1]]
+    before = [mid_nodes[-1], *mid_nodes[:-1]]
     if len(face) == 3:
-        around = list(zip(face, known, before, strict=True))
-        return [*around, tuple(known)]
+        around = list(zip(face, mid_nodes, before, strict=True))
+        return [*around, tuple(mid_nodes)]
     centre = _middle(mesh, face)
     if centre is None:
         return [face]
-    corners = zip(face, known, before, strict=True)
+    corners = zip(face, mid_nodes, before, strict=True)
     return [(corner, after, centre, ahead) for corner, after, ahead in corners]
 
 
@@ -70,21 +70,21 @@ def outer_facets(mesh: AnswerMesh, body: int, *, split: bool = True) -> np.ndarr
     outer = np.zeros(len(keys), dtype=bool)
     outer[first[count == 1]] = True
     chosen = outer.reshape(len(faces), len(cells))
-    parts = []
+    facets = []
     for face, rows in zip(faces, chosen, strict=True):
         pieces = _split(mesh, face) if split else [face]
-        inside = mesh.points[cells[rows]].mean(axis=1)
-        parts += [_outward(mesh.points, cells[rows][:, list(piece)], inside) for piece in pieces]
-    return np.concatenate(parts)
+        centres = mesh.points[cells[rows]].mean(axis=1)
+        facets += [_outward(mesh.points, cells[rows][:, list(piece)], centres) for piece in pieces]
+    return np.concatenate(facets)
 
 
-def _outward(points: np.ndarray, facets: np.ndarray, inside: np.ndarray) -> np.ndarray:
+def _outward(points: np.ndarray, facets: np.ndarray, centres: np.ndarray) -> np.ndarray:
     """Facets in space with normals that point away from points of their cells, (f, 3)."""
     if points.shape[1] == 2:
         return facets
     corners = points[facets]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, -1] - corners[:, 0])
-    inward = np.einsum("fd,fd->f", normals, corners.mean(axis=1) - inside) < 0
+    inward = np.einsum("fd,fd->f", normals, corners.mean(axis=1) - centres) < 0
     return np.where(inward[:, None], facets[:, ::-1], facets)
 
 
@@ -103,11 +103,11 @@ def contact_facets(mesh: AnswerMesh, contact: int) -> np.ndarray:
     is_slave[mesh.slaves[mesh.contacts[contact]]] = True
     bodies = np.unique(mesh.bodies[is_slave[mesh.cells].any(axis=1)])
     for split in (True, False):
-        parts = [outer_facets(mesh, int(body), split=split) for body in bodies]
-        if not parts:
+        facets = [outer_facets(mesh, int(body), split=split) for body in bodies]
+        if not facets:
             break
-        every = np.concatenate(parts)
-        carrying = every[is_slave[every].all(axis=1)]
+        all_facets = np.concatenate(facets)
+        carrying = all_facets[is_slave[all_facets].all(axis=1)]
         if len(carrying):
             return carrying
     return np.zeros((0, mesh.points.shape[1]), dtype=np.int64)

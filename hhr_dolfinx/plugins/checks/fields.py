@@ -104,21 +104,29 @@ def _collection(path: Path, times: Mapping[str, float]) -> Path:
 
 def _written(path: Path, grid: pyvista.UnstructuredGrid) -> Path:
     """Write a file at once; VTK only prints its errors, so a missing file reveals them."""
-    part = path.with_stem(f".{path.stem}.{secrets.token_hex(8)}")
+    temporary = path.with_stem(f".{path.stem}.{secrets.token_hex(8)}")
     try:
-        grid.save(part)
-        os.replace(part, path)
+        grid.save(temporary)
+        os.replace(temporary, path)
     except (OSError, ValueError) as error:
         raise FileError(
             f"{path} cannot be written ({error}): try the ending .vtu, or another folder"
         ) from error
     finally:
-        part.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
     return path
 
 
 def grid_of(meshed: Meshed, answer: Answer) -> pyvista.UnstructuredGrid:
-    """The mesh with all fields of an answer that it can have."""
+    """Mesh with all fields of an answer that are available.
+
+    Args:
+        meshed: the full model, or the mesh beside a model file.
+        answer: answer of any model of its scene.
+
+    Raises:
+        SceneError: if the answer has another number of contact conditions.
+    """
     mesh = meshed.answer_mesh()
     # points are the nodes of the space, in the order of its dofs
     vectors = mesh.nodal(answer.displacement())

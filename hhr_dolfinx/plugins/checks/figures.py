@@ -112,7 +112,7 @@ def _draw_bodies(figure: Figure, axes: Axes, picture: Picture, bar: str) -> None
     corners = 3 if mesh.kind in (5, 69) else 4
     shape = corners, mesh.cells.shape[1]
     shape = shape if shape in TRIANGLES_OF_CELLS else (corners, corners)
-    places = []
+    positions = []
     triangles = []
     values = []
     outlines = []
@@ -121,19 +121,21 @@ def _draw_bodies(figure: Figure, axes: Axes, picture: Picture, bar: str) -> None
         cells = mesh.cells[mesh.bodies == body]
         nodes, index = np.unique(cells, return_inverse=True)
         local = index.reshape(cells.shape)
-        parts = [local[:, list(part)] for part in TRIANGLES_OF_CELLS[shape]]
-        triangles.append(first + np.concatenate(parts))
-        places.append(points[nodes])
+        cell_triangles = [local[:, list(triple)] for triple in TRIANGLES_OF_CELLS[shape]]
+        triangles.append(first + np.concatenate(cell_triangles))
+        positions.append(points[nodes])
         values.append(picture.values[body][nodes])
         outlines.append(points[outer_facets(mesh, body)])
         first += len(nodes)
-    every = np.concatenate(values)
-    low, high, extend = colour_limits(every)
-    mapped = Triangulation(*np.concatenate(places).T, triangles=np.concatenate(triangles))
+    all_values = np.concatenate(values)
+    low, high, extend = colour_limits(all_values)
+    mapped = Triangulation(*np.concatenate(positions).T, triangles=np.concatenate(triangles))
     look = {"shading": "gouraud", "cmap": COLOURS, "rasterized": True}
-    drawn = axes.tripcolor(mapped, every, vmin=low, vmax=high, **look)
+    drawn = axes.tripcolor(mapped, all_values, vmin=low, vmax=high, **look)
     axes.add_collection(LineCollection(np.concatenate(outlines), colors="#333333", linewidths=0.7))
-    label = picture.label if extend == "neither" else f"{picture.label}, up to {every.max():.3g}"
+    label = (
+        picture.label if extend == "neither" else f"{picture.label}, up to {all_values.max():.3g}"
+    )
     figure.colorbar(drawn, ax=axes, label=label, extend=extend, location=bar, aspect=BAR)
     names = picture.axis_names
     unit = in_unit(mesh.length)

@@ -88,9 +88,9 @@ def figure_in_space(picture: Picture, title: str) -> Figure:
         _add_triad(axes, way)
         named = isinstance(view.colours, str)
         ends = Normalize(0.0, view.largest) if named else Normalize(-0.5, view.largest)
-        how: dict[str, Any] = {"location": "bottom", "shrink": 0.85, "aspect": BAR}
+        options: dict[str, Any] = {"location": "bottom", "shrink": 0.85, "aspect": BAR}
         mapped = ScalarMappable(ends, view.colours)
-        bar = figure.colorbar(mapped, ax=axes, label=view.label, extend=view.extend, **how)
+        bar = figure.colorbar(mapped, ax=axes, label=view.label, extend=view.extend, **options)
         if not named:
             bar.set_ticks(list(STATUS_NAMES), labels=[STATUS_WORDS[key] for key in STATUS_NAMES])
     return figure
@@ -145,14 +145,16 @@ def _bodies(picture: Picture, way: np.ndarray) -> View:
         surface = surface_of(points, outer_facets(mesh, body))
         surface.point_data["colour"] = picture.values[body][surface.point_data["node"]]
         surfaces.append(surface)
-    every = np.concatenate([surface.point_data["colour"] for surface in surfaces])
-    low, high, extend = colour_limits(every)
+    all_values = np.concatenate([surface.point_data["colour"] for surface in surfaces])
+    low, high, extend = colour_limits(all_values)
     plotter = _plotter()
     for surface in surfaces:
         look: dict[str, Any] = {"scalars": "colour", "cmap": COLOURS, "clim": (low, high)}
         plotter.add_mesh(surface, show_scalar_bar=False, **look, **LIGHT)
         _add_edges(plotter, surface)
-    label = picture.label if extend == "neither" else f"{picture.label}, up to {every.max():.3g}"
+    label = (
+        picture.label if extend == "neither" else f"{picture.label}, up to {all_values.max():.3g}"
+    )
     title = picture.scale_words or "bodies"
     return View(_rendered(plotter, way), title, COLOURS, high, label, extend)
 
@@ -172,9 +174,9 @@ def _pressures(picture: Picture, way: np.ndarray) -> View:
         surface.point_data["shown"] = shown
         _add_pressed(plotter, surface, largest)
     closed = int((picture.statuses > OPEN).sum())
-    known = int((picture.statuses >= OPEN).sum())
+    total = int((picture.statuses >= OPEN).sum())
     label = f"contact pressure{in_unit(picture.mesh.stress)}"
-    title = f"contact: {closed} of {known} nodes closed, grey is open"
+    title = f"contact: {closed} of {total} nodes closed, grey is open"
     return View(_rendered(plotter, way), title, PRESSURES, largest, label)
 
 
@@ -200,8 +202,8 @@ def _add_pressed(plotter: pyvista.Plotter, surface: pyvista.PolyData, largest: f
         look: dict[str, Any] = {"cmap": PRESSURES, "clim": (0.0, largest)}
         plotter.add_mesh(pressed, scalars="pressure", show_scalar_bar=False, **look, **LIGHT)
     if not closed.all():
-        rest = pyvista.PolyData.from_regular_faces(points, faces[~closed])
-        plotter.add_mesh(rest, color=OPEN_COLOUR, **LIGHT)
+        open_facets = pyvista.PolyData.from_regular_faces(points, faces[~closed])
+        plotter.add_mesh(open_facets, color=OPEN_COLOUR, **LIGHT)
 
 
 def _statuses(picture: Picture, way: np.ndarray) -> View:
@@ -222,8 +224,8 @@ def _statuses(picture: Picture, way: np.ndarray) -> View:
         of_faces = states[faces].max(axis=1)
         for status, colour in STATUS_COLOURS.items():
             if (of_faces == status).any():
-                part = pyvista.PolyData.from_regular_faces(points, faces[of_faces == status])
-                plotter.add_mesh(part, color=colour, **LIGHT)
+                facets = pyvista.PolyData.from_regular_faces(points, faces[of_faces == status])
+                plotter.add_mesh(facets, color=colour, **LIGHT)
     colours = ListedColormap([STATUS_COLOURS[key] for key in STATUS_NAMES])
     return View(_rendered(plotter, way), "status of contact", colours, 2.5, "status")
 

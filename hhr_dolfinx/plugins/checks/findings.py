@@ -61,8 +61,13 @@ class SceneCheck:
         return "" if self.scene.units is None else f" {self.scene.units.length}"
 
     def say(self, text: str, level: str = OK) -> None:
-        """Add a finding, unless it is there already: a pair is checked separately and with all
-        others.
+        """Add a finding, unless the list has it already.
+
+        A pair is checked separately and with all others.
+
+        Args:
+            text: the finding, a sentence for the user.
+            level: its level, such as ``OK`` or ``MISTAKE``.
         """
         finding = Finding(level, text)
         if finding not in self.findings:
@@ -80,5 +85,5 @@ class SceneCheck:
                 yield
             except HHRError as error:
                 self.say(str(error), MISTAKE)
-        for item in caught:
-            self.note(item.message)
+        for warning in caught:
+            self.note(warning.message)

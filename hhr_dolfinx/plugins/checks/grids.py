@@ -69,12 +69,12 @@ def to_pyvista(answer: Answer, full: Meshed | None = None) -> pyvista.MultiBlock
         "gap": gaps(answer, meshed),
         "status": statuses(answer, meshed).astype(float),
     }
-    for place, name in enumerate(contact_names(meshed)):
-        surface = contact_surface(mesh, place, mesh.points)
+    for contact, name in enumerate(contact_names(meshed)):
+        surface = contact_surface(mesh, contact, mesh.points)
         nodes = surface.point_data["node"]
         surface.point_data["displacement"] = field[nodes]
         for key, of_conditions in values.items():
-            surface.point_data[key] = at_slaves(mesh, place, of_conditions)[nodes]
+            surface.point_data[key] = at_slaves(mesh, contact, of_conditions)[nodes]
         blocks.append(surface, name)
     return blocks
 
@@ -108,7 +108,13 @@ def at_slaves(mesh: AnswerMesh, contact: int, values: np.ndarray) -> np.ndarray:
 
 
 def body_grid(mesh: AnswerMesh, body: int, points: np.ndarray) -> pyvista.UnstructuredGrid:
-    """Cells of a body at some positions of all nodes, (n, dim); ``node`` numbers its points."""
+    """Cells of a body at some positions of all nodes, (n, dim); ``node`` numbers its points.
+
+    Args:
+        mesh: the mesh.
+        body: index of the body in the scene.
+        points: positions of all nodes, (n, dim).
+    """
     nodes, index = np.unique(mesh.cells[mesh.bodies == body], return_inverse=True)
     cells = index.reshape(-1, mesh.cells.shape[1])
     kinds = np.full(len(cells), mesh.kind, dtype=np.uint8)
@@ -119,13 +125,21 @@ def body_grid(mesh: AnswerMesh, body: int, points: np.ndarray) -> pyvista.Unstru
 
 
 def surface_of(points: np.ndarray, facets: np.ndarray) -> pyvista.PolyData:
-    """Facets, (f, k), lines in the plane, at positions of all nodes, (n, dim)."""
+    """Facets, (f, k), lines in the plane, at positions of all nodes, (n, dim).
+
+    Args:
+        points: positions of all nodes, (n, dim).
+        facets: node numbers of the facets, (f, k).
+
+    Returns:
+        The surface; its point data ``node`` are node numbers of the mesh.
+    """
     nodes, index = np.unique(facets, return_inverse=True)
     width = facets.shape[1]
     connected = np.insert(index.reshape(-1, width), 0, width, axis=1).ravel()
-    places = in_space(points[nodes])
+    positions = in_space(points[nodes])
     kind = {"lines": connected} if width == 2 else {"faces": connected}
-    surface = pyvista.PolyData(places, **kind)
+    surface = pyvista.PolyData(positions, **kind)
     surface.point_data["node"] = nodes
     return surface
 
@@ -134,6 +148,11 @@ def contact_surface(mesh: AnswerMesh, contact: int, points: np.ndarray) -> pyvis
     """Slave surface of a contact at positions of all nodes, (n, dim); ``node`` numbers its points.
 
     Conditions at single nodes are points.
+
+    Args:
+        mesh: the mesh.
+        contact: index of the contact in the scene.
+        points: positions of all nodes, (n, dim).
     """
     facets = contact_facets(mesh, contact)
     if len(facets):

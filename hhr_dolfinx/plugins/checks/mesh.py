@@ -54,9 +54,9 @@ class MeshLook:
     corners: int
 
     @classmethod
-    def of(cls, found: SceneCheck) -> MeshLook:
+    def of(cls, check: SceneCheck) -> MeshLook:
         """Nodes and cells of a scene with a mesh."""
-        discretisation = found.meshed
+        discretisation = check.meshed
         corners = SUPPORTED_CELLS[discretisation.mesh.topology.cell_name()]
         return cls(
             discretisation._points(),
@@ -72,154 +72,165 @@ class MeshLook:
 
     def nodes_of(self, body: int) -> np.ndarray:
         """True for each node of a body, (nodes,) bool."""
-        inside = np.zeros(len(self.points), dtype=bool)
-        inside[self.cells[self.owner == body]] = True
-        return inside
+        of_body = np.zeros(len(self.points), dtype=bool)
+        of_body[self.cells[self.owner == body]] = True
+        return of_body
 
     def pieces_of(self, body: int) -> np.ndarray:
         """Connected component of a body that each node belongs to, from 0.
 
         -1 for other nodes, (nodes,).
         """
-        part = components_of_nodes(len(self.points), self.cells[self.owner == body])
-        inside = self.nodes_of(body)
-        pieces = np.full(len(part), -1)
-        pieces[inside] = np.unique(part[inside], return_inverse=True)[1]
+        labels = components_of_nodes(len(self.points), self.cells[self.owner == body])
+        of_body = self.nodes_of(body)
+        pieces = np.full(len(labels), -1)
+        pieces[of_body] = np.unique(labels[of_body], return_inverse=True)[1]
         return pieces
 
 
-def look_at_mesh(found: SceneCheck) -> None:
+def look_at_mesh(check: SceneCheck) -> None:
     """Check bodies one by one, and compare their sizes with the units."""
-    look = MeshLook.of(found)
-    for place, body in enumerate(found.scene.bodies):
-        own = look.points[look.cells[look.owner == place]]
-        size = _size(own.reshape(-1, look.points.shape[1]))
-        corners = own[:, : look.corners]
-        kind = f"cell{'s' * (len(own) > 1)}{' of second order' * (own.shape != corners.shape)}"
+    look = MeshLook.of(check)
+    for index, body in enumerate(check.scene.bodies):
+        cells = look.points[look.cells[look.owner == index]]
+        size = _size(cells.reshape(-1, look.points.shape[1]))
+        corners = cells[:, : look.corners]
+        kind = f"cell{'s' * (len(cells) > 1)}{' of second order' * (cells.shape != corners.shape)}"
         moduli = f"young = {body.young}, poisson = {body.poisson}"
-        text = f"body {body.tag!r}: {len(corners)} {kind}, {size}{found.length}, {moduli}"
-        found.say(text)
+        text = f"body {body.tag!r}: {len(corners)} {kind}, {size}{check.length}, {moduli}"
+        check.say(text)
         worst, where = worst_cell(corners)
         if worst < BAD_CELL:
-            found.note(
+            check.note(
                 f"body {body.tag!r} has bad cells, the worst at {rounded(where)} with a quality of "
                 f"{worst:.2g} of 1: stresses are wrong there. Mesh it more evenly"
             )
-        _modulus(found, body)
-    _stiffness_apart(found)
-    _unit_of_length(found, look)
-    _large_motions(found, look)
+        _modulus(check, body)
+    _stiffness_apart(check)
+    _unit_of_length(check, look)
+    _large_motions(check, look)
 
 
 COARSE_MESH = 0.1
 """Estimated part of the stress in energy above which a mesh is reported as coarse."""
 
 
-def look_at_mesh_error(found: SceneCheck, point: PointLike | None = None) -> None:
-    """Solve in full once, at a parameter or in the middle of the box, and report the estimated
-    error of the mesh.
+def look_at_mesh_error(check: SceneCheck, point: PointLike | None = None) -> None:
+    """Solve the full model once, and report the estimated error of the mesh.
+
+    Args:
+        check: findings of the scene, which receive the estimate.
+        point: parameters, (P,); None takes the middle of the box.
     """
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.plugins.checks.mesh_error import mesh_error
 
-    if found.scene.reader or any(map(found.scene.states_stress, found.scene.bodies)):
-        found.note(
+    if check.scene.reader or any(map(check.scene.states_stress, check.scene.bodies)):
+        check.note(
             "the error of the mesh is estimated for elastic bodies alone, and some have laws of "
             "their own"
         )
         return
-    with found.heard():
-        full = FullOrderModel(found.scene, MPI.COMM_SELF)
+    with check.heard():
+        full = FullOrderModel(check.scene, MPI.COMM_SELF)
         answer = full.solve(full.parameters.middle if point is None else point)
         off = mesh_error(full, answer)
         if off[0] > COARSE_MESH:
             remedy = "refine the mesh, or take Scene(order=2) where surfaces of contact are flat"
-            found.note(f"{off.in_words()}; more than {COARSE_MESH:.0%} is much: {remedy}")
+            check.note(f"{off.in_words()}; more than {COARSE_MESH:.0%} is much: {remedy}")
         else:
-            found.say(off.in_words())
+            check.say(off.in_words())
 
 
-def look_at_joints(found: SceneCheck) -> None:
+def look_at_joints(check: SceneCheck) -> None:
     """Report doubled or shared nodes: bodies that are split or merged by mistake."""
-    look = MeshLook.of(found)
-    tags = [body.tag for body in found.scene.bodies]
-    inside = [look.nodes_of(place) for place in range(len(tags))]
+    look = MeshLook.of(check)
+    tags = [body.tag for body in check.scene.bodies]
+    of_bodies = [look.nodes_of(index) for index in range(len(tags))]
     paired = set()  # bodies in contact, by their indices, the smaller one first
     joins = [
-        (found.meshed.assembler(one), one)
-        for one in found.scene.constraints
-        if hasattr(one, "slave")
+        (check.meshed.assembler(tie), tie)
+        for tie in check.scene.constraints
+        if hasattr(tie, "slave")
     ]
-    tied = [[of.surface(tag) for tag in (one.slave, one.master)] for of, one in joins]
-    for surfaces in (*(surfaces for surfaces, _ in found.pairs), *tied):
+    tied = [[of.surface(tag) for tag in (tie.slave, tie.master)] for of, tie in joins]
+    for surfaces in (*(surfaces for surfaces, _ in check.pairs), *tied):
         sides = [
-            [k for k, own in enumerate(inside) if own[surface.nodes].any()] for surface in surfaces
+            [k for k, nodes in enumerate(of_bodies) if nodes[surface.nodes].any()]
+            for surface in surfaces
         ]
         paired |= {
             (min(k, m), max(k, m))
-            for one, other in combinations(sides, 2)
-            for k in one
-            for m in other
+            for first, second in combinations(sides, 2)
+            for k in first
+            for m in second
         }
     twins = cKDTree(look.points).query_pairs(SAME_PLACE * look.extent, output_type="ndarray")
-    cuts = [item for item in found.scene.constraints if hasattr(item, "section")]
-    cut = [found.meshed.assembler(item).surface(item.section).nodes for item in cuts]
-    twins = twins[~np.isin(twins, np.concatenate(cut or [np.zeros(0, dtype=int)])).any(axis=1)]
-    for place, tag in enumerate(tags):
-        pieces = look.pieces_of(place)
-        own = twins[(pieces[twins] >= 0).all(axis=1)]
-        if len(own) and (place, place) not in paired:
-            found.note(
-                f"body {tag!r} falls apart: {len(own)} of its nodes are there twice, e.g. at "
-                f"{rounded(look.points[own[0, 0]])}, and its cells do not hang together there. "
+    cuts = [cut for cut in check.scene.constraints if hasattr(cut, "section")]
+    cut_nodes = [check.meshed.assembler(cut).surface(cut.section).nodes for cut in cuts]
+    twins = twins[
+        ~np.isin(twins, np.concatenate(cut_nodes or [np.zeros(0, dtype=int)])).any(axis=1)
+    ]
+    for index, tag in enumerate(tags):
+        pieces = look.pieces_of(index)
+        doubled = twins[(pieces[twins] >= 0).all(axis=1)]
+        if len(doubled) and (index, index) not in paired:
+            check.note(
+                f"body {tag!r} falls apart: {len(doubled)} of its nodes are there twice, e.g. at "
+                f"{rounded(look.points[doubled[0, 0]])}, and its cells do not hang together there. "
                 "Merge these nodes, in gmsh by removeDuplicateNodes or by a fragment of its "
                 "volumes before they are meshed"
             )
         elif pieces.max() > 0:
-            found.say(f"body {tag!r} is made of {pieces.max() + 1} pieces")
-    for one, other in combinations(range(len(tags)), 2):
-        common = np.flatnonzero(inside[one] & inside[other])
+            check.say(f"body {tag!r} is made of {pieces.max() + 1} pieces")
+    for first, second in combinations(range(len(tags)), 2):
+        common = np.flatnonzero(of_bodies[first] & of_bodies[second])
         if common.size:
-            found.say(
-                f"bodies {tags[one]!r} and {tags[other]!r} share {common.size} nodes: they are "
+            check.say(
+                f"bodies {tags[first]!r} and {tags[second]!r} share {common.size} nodes: they are "
                 "glued there"
             )
-        between = (inside[one][twins] & inside[other][twins][:, ::-1]).any(axis=1)
-        if between.any() and (one, other) not in paired:
-            found.note(
-                f"bodies {tags[one]!r} and {tags[other]!r} touch at {int(between.sum())} nodes, "
+        between = (of_bodies[first][twins] & of_bodies[second][twins][:, ::-1]).any(axis=1)
+        if between.any() and (first, second) not in paired:
+            check.note(
+                f"bodies {tags[first]!r} and {tags[second]!r} touch at {int(between.sum())} nodes, "
                 f"e.g. at {rounded(look.points[twins[between][0, 0]])}, and no contact pair is "
                 "between them: they go through each other. Give their surfaces a contact pair, or "
                 "merge these nodes to glue them"
             )
 
 
-def look_at_common_nodes(found: SceneCheck) -> None:
+def look_at_common_nodes(check: SceneCheck) -> None:
     """Report nodes that belong to both surfaces of a pair: no contact acts there."""
-    for place, (surfaces, _) in enumerate(found.pairs):
+    for contact, (surfaces, _) in enumerate(check.pairs):
         for first, second in combinations(surfaces, 2):
             common = np.isin(first.nodes, second.nodes)
             if common.any():
-                found.note(
-                    f"contact {place}: surfaces {first.tag!r} and {second.tag!r} share "
+                check.note(
+                    f"contact {contact}: surfaces {first.tag!r} and {second.tag!r} share "
                     f"{int(common.sum())} nodes, e.g. at {rounded(first.points[common][0])}: they "
                     "are glued there and cannot open. Give each body nodes of its own, in gmsh "
                     "without a fragment or removeDuplicateNodes"
                 )
 
 
-def depth_inside(found: SceneCheck, first: Surface, second: Surface) -> tuple[int, float]:
-    """Number of nodes of a surface inside the body of another one as drawn, and the depth of the
-    deepest.
+def depth_inside(check: SceneCheck, first: Surface, second: Surface) -> tuple[int, float]:
+    """Count nodes of a surface inside the body of another one as drawn.
 
     Depths are those below the nearest facet of the other surface.
+
+    Args:
+        check: findings of the scene, with its discretisation.
+        first: surface whose nodes are counted.
+        second: surface of the other body.
+
+    Returns:
+        Number of nodes, and the depth of the deepest in the unit of length.
     """
-    look = MeshLook.of(found)
-    mesh = found.meshed.mesh
+    look = MeshLook.of(check)
+    mesh = check.meshed.mesh
     bodies = [
-        place
-        for place in range(len(found.scene.bodies))
-        if look.nodes_of(place)[second.nodes].all()
+        body for body in range(len(check.scene.bodies)) if look.nodes_of(body)[second.nodes].all()
     ]
     points = np.zeros((len(first.nodes), 3))
     points[:, : look.points.shape[1]] = first.points
@@ -233,10 +244,10 @@ def depth_inside(found: SceneCheck, first: Surface, second: Surface) -> tuple[in
     for number, node in enumerate(first.nodes):
         cells = hits.links(number)
         # a node of both bodies lies in cells of both
-        others = cells[
+        opposite = cells[
             np.isin(look.owner[cells], bodies) & ~(look.cells[cells] == node).any(axis=1)
         ]
-        if others.size and heights[number] < 0:
+        if opposite.size and heights[number] < 0:
             depths.append(-float(heights[number]))
     return len(depths), max(depths, default=0.0)
 
@@ -251,12 +262,12 @@ def worst_cell(corners: np.ndarray) -> tuple[float, np.ndarray]:
     numbers = range(count)
     worst = np.ones(len(corners))
     for at in numbers:
-        others = (
+        neighbours = (
             [n for n in numbers if n != at]
             if count == dim + 1
             else [at ^ (1 << axis) for axis in range(dim)]
         )
-        edges = corners[:, others] - corners[:, [at]]
+        edges = corners[:, neighbours] - corners[:, [at]]
         lengths = np.linalg.norm(edges, axis=2).prod(axis=1)
         worst = np.minimum(worst, np.abs(np.linalg.det(edges)) / lengths)
     where = int(worst.argmin())
@@ -268,18 +279,23 @@ def _size(points: np.ndarray) -> str:
 
 
 def young_of(body: Body, space: ParameterSpace) -> float:
-    """Young's modulus, in the middle of the box if it is a parameter; NaN for another formula."""
+    """Young's modulus, in the middle of the box if it is a parameter; NaN for another formula.
+
+    Args:
+        body: the body.
+        space: parameters of the scene.
+    """
     if not isinstance(body.young, str):
         return float(body.young)
-    place = space.names.index(body.young) if body.young in space.names else None
-    return np.nan if place is None else (space.lower[place] + space.upper[place]) / 2
+    index = space.names.index(body.young) if body.young in space.names else None
+    return np.nan if index is None else (space.lower[index] + space.upper[index]) / 2
 
 
-def _modulus(found: SceneCheck, body: Body) -> None:
-    units = found.scene.units
+def _modulus(check: SceneCheck, body: Body) -> None:
+    units = check.scene.units
     if units is None:
         return
-    young = young_of(body, found.scene.parameters)
+    young = young_of(body, check.scene.parameters)
     pascals = units.pascals(young)
     unit = f"give E in {units.stress}, the unit of stress of the scene"
     if pascals < SOFT_MODULUS:
@@ -287,57 +303,61 @@ def _modulus(found: SceneCheck, body: Body) -> None:
             "is softer than plastics (1 GPa), as rubber and foam are: where a stiffer one is "
             f"meant, {unit}"
         )
-        found.note(f"body {body.tag!r}: E = {young:g} {units.stress} {text}")
+        check.note(f"body {body.tag!r}: E = {young:g} {units.stress} {text}")
     elif pascals > STIFF:
-        found.note(
+        check.note(
             f"body {body.tag!r}: E = {young:g} {units.stress} is stiffer than diamond (1200 GPa): "
             f"{unit}"
         )
 
 
-def _stiffness_apart(found: SceneCheck) -> None:
-    space = found.scene.parameters
-    pairs = [(young_of(body, space), repr(body.tag)) for body in found.scene.bodies]
-    known = sorted((pair for pair in pairs if not np.isnan(pair[0])), key=lambda pair: pair[0])
-    if not known:
+def _stiffness_apart(check: SceneCheck) -> None:
+    space = check.scene.parameters
+    pairs = [(young_of(body, space), repr(body.tag)) for body in check.scene.bodies]
+    by_stiffness = sorted(
+        (pair for pair in pairs if not np.isnan(pair[0])), key=lambda pair: pair[0]
+    )
+    if not by_stiffness:
         return
-    soft, softest = known[0]
-    stiff, stiffest = known[-1]
+    soft, softest = by_stiffness[0]
+    stiff, stiffest = by_stiffness[-1]
     if stiff > MODULI_RATIO * soft:
-        found.note(
+        check.note(
             f"body {stiffest} with E = {stiff:g} is {stiff / soft:.2g} times as stiff as body "
             f"{softest} with E = {soft:g}: give both in one unit; where that is meant, take the "
             "stiff one as rigid, an Obstacle or imposed displacements"
         )
 
 
-def _unit_of_length(found: SceneCheck, look: MeshLook) -> None:
-    units = found.scene.units
+def _unit_of_length(check: SceneCheck, look: MeshLook) -> None:
+    units = check.scene.units
     if units is None or SMALLEST_EXTENT <= units.metres(look.extent) <= LARGEST_EXTENT:
         return
-    made = found.scene.geometry
-    what = (
-        f"the mesh of file {made.path}"
-        if isinstance(made, MeshFile)
-        else f"the mesh of scene '{found.scene.name}'"
+    source = check.scene.geometry
+    subject = (
+        f"the mesh of file {source.path}"
+        if isinstance(source, MeshFile)
+        else f"the mesh of scene '{check.scene.name}'"
     )
-    found.note(
-        f"{what} is {_size(look.points)} {units.length}: where that is not meant, its coordinates "
-        "are in another unit. Say by what they are to be multiplied, MeshFile(path, scale=...), "
-        "or give the scene the Units of the mesh"
+    check.note(
+        f"{subject} is {_size(look.points)} {units.length}: where that is not meant, its "
+        "coordinates are in another unit. Say by what they are to be multiplied, "
+        "MeshFile(path, scale=...), or give the scene the Units of the mesh"
     )
 
 
-def _large_motions(found: SceneCheck, look: MeshLook) -> None:
-    space = found.scene.parameters
+def _large_motions(check: SceneCheck, look: MeshLook) -> None:
+    space = check.scene.parameters
     box = np.array([space.lower, space.upper], dtype=float)
     named = [
-        (f"the displacement on {item.tag!r}", item.amplitude) for item in found.scene.displacements
+        (f"the displacement on {imposed.tag!r}", imposed.amplitude)
+        for imposed in check.scene.displacements
     ]
     named += [
-        (f"the opening of contact {item.contact}", item.amplitude) for item in found.scene.openings
+        (f"the opening of contact {opening.contact}", opening.amplitude)
+        for opening in check.scene.openings
     ]
-    for what, amplitude in named:
+    for label, amplitude in named:
         amplitude = bound(amplitude, space)
         if isinstance(amplitude, Amplitude):
             reached = np.sort(box * amplitude.row(space), axis=0).sum(axis=1) + amplitude.constant
@@ -345,8 +365,8 @@ def _large_motions(found: SceneCheck, look: MeshLook) -> None:
             reached = np.array([amplitude.value(point) for point in space.random(64, seed=0)])
         largest = float(np.abs(reached).max())
         if largest > look.extent:
-            found.note(
-                f"{what} reaches {largest:.4g}{found.length}, and the whole mesh is "
-                f"{look.extent:.4g}{found.length} long: bring parameters and mesh to one unit, by "
+            check.note(
+                f"{label} reaches {largest:.4g}{check.length}, and the whole mesh is "
+                f"{look.extent:.4g}{check.length} long: bring parameters and mesh to one unit, by "
                 "MeshFile(path, scale=...) or by the slopes"
             )

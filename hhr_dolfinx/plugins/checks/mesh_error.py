@@ -92,11 +92,11 @@ def mesh_error(full: FullOrderModel, answer: Answer) -> MeshError:
         )
     with discretisation.shape.at(point):
         field = field_of(discretisation, answer.displacement())
-        parts = np.array(
-            [_energies(full, place, field, point) for place in range(len(scene.bodies))]
+        energies = np.array(
+            [_energies(full, index, field, point) for index in range(len(scene.bodies))]
         )
         bearing = _nodal_forces(full, field, point)
-    error, size = parts.sum(axis=0)
+    error, size = energies.sum(axis=0)
     energy = float(np.sqrt(error / (size + error))) if size + error > 0 else 0.0
     return MeshError(energy, _peak_error(full, answer, bearing))
 
@@ -121,16 +121,16 @@ def _nodal_forces(full: FullOrderModel, field: fem.Function, point: np.ndarray) 
 
 
 def _energies(
-    full: FullOrderModel, place: int, field: fem.Function, point: np.ndarray
+    full: FullOrderModel, index: int, field: fem.Function, point: np.ndarray
 ) -> tuple[float, float]:
     """Energies of the error of the stress of a body, by its index, and of the stress."""
     discretisation = full.discretisation
     scene = full.scene
-    body = scene.bodies[place]
+    body = scene.bodies[index]
     mesh = discretisation.mesh
     weight = elasticity.volume_weight(mesh, scene.hypothesis)
     dx = discretisation.cells(body.tag)
-    sigma = discretisation.elasticity.stress(discretisation, place, field, point)
+    sigma = discretisation.elasticity.stress(discretisation, index, field, point)
     scalars = fem.functionspace(mesh, ("Lagrange", discretisation.order))
     trial = ufl.TrialFunction(scalars)
     test = ufl.TestFunction(scalars)
@@ -163,11 +163,11 @@ def _energies(
         float(
             np.real(
                 fem.assemble_scalar(
-                    compat.jitted(fem.form, weight * _energy(part, young, poisson) * dx)
+                    compat.jitted(fem.form, weight * _energy(stress, young, poisson) * dx)
                 )
             )
         )
-        for part in (tensor - sigma, sigma)
+        for stress in (tensor - sigma, sigma)
     )
     return error, size
 
@@ -195,9 +195,9 @@ def _peak_error(full: FullOrderModel, answer: Answer, bearing: np.ndarray) -> fl
     dim = problem.block_size
     assert problem.whole_contact is not None
     row = problem.whole_contact[worst]
-    own = row.indices // dim == node
+    of_node = row.indices // dim == node
     normal = np.zeros(3)
-    normal[row.indices[own] % dim] = row.data[own] / np.linalg.norm(row.data[own])
+    normal[row.indices[of_node] % dim] = row.data[of_node] / np.linalg.norm(row.data[of_node])
     around = (problem.cell_nodes == node).any(axis=1)
     stress = full.stress_of(answer.displacement(), answer.parameter)[around].mean(axis=0)
     peak = float(pressures.max())
@@ -206,11 +206,12 @@ def _peak_error(full: FullOrderModel, answer: Answer, bearing: np.ndarray) -> fl
         [normal[0] * normal[1], normal[0] * normal[2], normal[1] * normal[2]]
     )
     along = float(stress @ np.append(normal**2, shear)[: stress.size])
-    others = np.where(
+    nodal_forces = np.where(
         problem.free, bearing + problem.whole_contact.T @ answer.forces(), 0.0
     )  # no reactions of supports
     beside = (
-        float(others[dim * node : dim * node + dim] @ normal[:dim]) / problem.contact_areas[worst]
+        float(nodal_forces[dim * node : dim * node + dim] @ normal[:dim])
+        / problem.contact_areas[worst]
     )
     return float(abs(beside - along - peak) / peak)
 
@@ -231,14 +232,14 @@ def _energy(stress: Expr, young: fem.Constant, poisson: fem.Constant) -> Expr:
 
 def _projected(mass: csr_matrix, loads: np.ndarray) -> np.ndarray:
     """Nodal values of a projection on one body, zero outside of it."""
-    inside = mass.diagonal() > 0
-    own = csr_matrix(mass[inside][:, inside])
-    found = np.zeros(inside.size)
-    found[inside], failed = cg(
-        own, loads[inside], rtol=PROJECTION_RESIDUAL, M=diags(1 / own.diagonal())
+    of_body = mass.diagonal() > 0
+    matrix = csr_matrix(mass[of_body][:, of_body])
+    values = np.zeros(of_body.size)
+    values[of_body], failed = cg(
+        matrix, loads[of_body], rtol=PROJECTION_RESIDUAL, M=diags(1 / matrix.diagonal())
     )
     if failed:
         raise ConvergenceError(
             "stresses could not be recovered: cells of the mesh are too flat. Mend them"
         )
-    return found
+    return values

@@ -58,13 +58,18 @@ def in_unit(unit: str) -> str:
 def contact_names(meshed: Meshed) -> list[str]:
     """Name of each contact: the tags of its surfaces, which are names where the mesh has them."""
     if is_full(meshed):
-        return [" and ".join(map(str, item.tags)) for item in meshed.scene.contacts]
+        return [" and ".join(map(str, contact.tags)) for contact in meshed.scene.contacts]
     beside: Any = meshed
     return list(beside.contact_names())
 
 
 def mesh_at(meshed: Meshed, parameter: np.ndarray) -> AnswerMesh:
-    """Mesh with the shape of bodies at a parameter, (P,)."""
+    """Mesh with the shape of bodies at a parameter, (P,).
+
+    Args:
+        meshed: the full model, or the mesh beside a model file.
+        parameter: parameters, (P,).
+    """
     mesh = meshed.answer_mesh()
     if is_full(meshed) and meshed.problem.reshaped is not None:
         problem = meshed.problem.at(parameter)
@@ -142,8 +147,8 @@ class Picture:
         units = [self.units.get(name, "") for name in names]
         rows = zip(names, self.answer.parameter, units, strict=True)
         shown = [f"{name} = {value:.6g} {unit}".strip() for name, value, unit in rows]
-        left = ["..."] if len(shown) > SHOWN_NUMBERS else []
-        return f"{self.mesh.name} at {', '.join([*shown[:SHOWN_NUMBERS], *left])}"
+        dots = ["..."] if len(shown) > SHOWN_NUMBERS else []
+        return f"{self.mesh.name} at {', '.join([*shown[:SHOWN_NUMBERS], *dots])}"
 
     @property
     def largest_pressure(self) -> float:
@@ -159,8 +164,8 @@ class Picture:
     @property
     def with_area(self) -> list[np.ndarray]:
         """Numbers of the conditions of pressures of each contact that have an area."""
-        known = np.isfinite(self.pressures)
-        return [conditions[known[conditions]] for conditions in self.mesh.contacts]
+        finite = np.isfinite(self.pressures)
+        return [conditions[finite[conditions]] for conditions in self.mesh.contacts]
 
     @property
     def axis_names(self) -> tuple[str, ...]:
@@ -188,22 +193,22 @@ def _colours(
         return [lengths] * count, f"displacement{in_unit(mesh.length)}"
     size = len(mesh.points)
     values = [von_mises(samples.at_nodes(body, size)) for body in range(count)]
-    filled = [_filled(mesh, body, own) for body, own in enumerate(values)]
+    filled = [_filled(mesh, body, stress) for body, stress in enumerate(values)]
     return filled, f"von Mises stress{in_unit(mesh.stress)}"
 
 
 def _filled(mesh: AnswerMesh, body: int, values: np.ndarray) -> np.ndarray:
     """Values at the nodes of a body; nodes without one, as within edges, take means of cells."""
     cells = mesh.cells[mesh.bodies == body]
-    here = np.unique(cells)
-    if np.isfinite(values[here]).all():
+    nodes = np.unique(cells)
+    if np.isfinite(values[nodes]).all():
         return values
-    known = np.isfinite(values[cells])
-    means = np.where(known, values[cells], 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    finite = np.isfinite(values[cells])
+    means = np.where(finite, values[cells], 0.0).sum(axis=1) / np.maximum(finite.sum(axis=1), 1)
     sums = np.zeros(len(values))
     counts = np.zeros(len(values))
-    for column in cells[known.any(axis=1)].T:
-        np.add.at(sums, column, means[known.any(axis=1)])
+    for column in cells[finite.any(axis=1)].T:
+        np.add.at(sums, column, means[finite.any(axis=1)])
         np.add.at(counts, column, 1.0)
     with np.errstate(invalid="ignore"):
         return np.where(np.isfinite(values), values, sums / counts)

@@ -84,12 +84,12 @@ class StressSamples:
         Returns:
             Stress, (size, components); NaN at nodes without a sample of the body.
         """
-        here = self.bodies == body
+        of_body = self.bodies == body
         weights = np.zeros(size)
         sums = np.zeros((size, self.stress.shape[1]))
-        weighted = self.weights[here, None] * self.stress[here]
-        for column in self.elements[here].T:
-            np.add.at(weights, column, self.weights[here])
+        weighted = self.weights[of_body, None] * self.stress[of_body]
+        for column in self.elements[of_body].T:
+            np.add.at(weights, column, self.weights[of_body])
             np.add.at(sums, column, weighted)
         with np.errstate(invalid="ignore"):
             return sums / weights[:, None]

@@ -18,7 +18,7 @@ from scipy.sparse import csc_matrix, hstack
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
 from hhr_dolfinx.body import Body
-from hhr_dolfinx.contact.law import ContactLaw
+from hhr_dolfinx.contact.law import ContactLaw, PairLaw
 from hhr_dolfinx.declared import check_layout
 from hhr_dolfinx.errors import (
     ClaimError,
@@ -29,13 +29,16 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.full_order.system import System
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.loads import Pressure
+from hhr_dolfinx.loads import Load, Pressure
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.online.model_file import load_model, save_model
+from hhr_dolfinx.outputs import Output
+from hhr_dolfinx.pairings import Pairing
 from hhr_dolfinx.pairings.node_to_node import NodeToNode
 from hhr_dolfinx.pairings.surface import mean_normal
 from hhr_dolfinx.parameters import ParameterSpace, is_number
@@ -203,7 +206,7 @@ FAILED_CHECKS = {
         "the gradient of its forces is not what differences give: correct it, or refuse gradients"
     ),
 }
-"""What a check says of a part: what is wrong, and what to do."""
+"""Messages of checks by part: the fault, and the remedy."""
 
 
 def _require(fits: bool | np.bool_, wrong: str, *given: Any) -> None:
@@ -224,7 +227,7 @@ def pressed_blocks(parameters: Bounds | None = None, *, cells: int = 4, **change
         Displacement(top, k, Amplitude(slopes=slope))
         for k, slope in enumerate(({"slide": 1.0}, {"push": -1.0}))
     ]
-    given: dict[str, Any] = {
+    defaults: dict[str, Any] = {
         "name": "pressed_blocks",
         "geometry": lambda comm: two_blocks.two_blocks(comm, first=first, second=second),
         "hypothesis": "plane_strain",
@@ -235,11 +238,11 @@ def pressed_blocks(parameters: Bounds | None = None, *, cells: int = 4, **change
         "openings": (Opening(0, Amplitude(slopes={"gap": 1.0})),),
         "parameters": ParameterSpace(tuple(box), *zip(*box.values(), strict=True)),
     }
-    return Scene(**given | changes)
+    return Scene(**defaults | changes)
 
 
 @blaming
-def check_pairing(pairing: Any) -> None:
+def check_pairing(pairing: Pairing) -> None:
     """Check a pairing of :data:`LOWER_SURFACE`, :data:`UPPER_SURFACE` or both: rows, gaps, and the
     patch test.
 
@@ -260,7 +263,7 @@ def check_pairing(pairing: Any) -> None:
     right = right and abs(rows.matrix).sum(axis=1).min() > 0
     same = np.array_equal(rows.gap, again.gap) and abs(rows.matrix - again.matrix).max() == 0
     _require(right and same, "rows")
-    for place, surface in enumerate(surfaces):
+    for index, surface in enumerate(surfaces):
         normal = mean_normal(surface)
         motion = np.zeros((space.size // 2, 2))
         gaps = []
@@ -270,15 +273,15 @@ def check_pairing(pairing: Any) -> None:
             with ignored(PairingWarning):
                 gaps.append(
                     pairing.rows(
-                        [*surfaces[:place], shifted, *surfaces[place + 1 :]], space.size
+                        [*surfaces[:index], shifted, *surfaces[index + 1 :]], space.size
                     ).gap
                 )
-        if len(surfaces) > 1 or not np.array_equal(*gaps):  # not a given number
-            found = (gaps[1] - gaps[0]) / (2 * TESTED_STEP)
+        if len(surfaces) > 1 or not np.array_equal(gaps[0], gaps[1]):  # not a given number
+            difference = (gaps[1] - gaps[0]) / (2 * TESTED_STEP)
             expected = -(rows.matrix @ motion.ravel())
-            worst = int(np.abs(found - expected).argmax())
-            right = abs(found - expected)[worst] <= OF_FUNCTIONS
-            _require(right, "gap", worst, found[worst], surface.tag, expected[worst])
+            worst = int(np.abs(difference - expected).argmax())
+            right = abs(difference - expected)[worst] <= OF_FUNCTIONS
+            _require(right, "gap", worst, difference[worst], surface.tag, expected[worst])
     if np.ptp(rows.gap) > TESTED_ROUND_OFF:
         return
     pressures = [Pressure(tag, Amplitude(1.0)) for tag in pairing.tags]
@@ -286,18 +289,25 @@ def check_pairing(pairing: Any) -> None:
     off = np.abs(rows.matrix.T @ rows.areas + uniform).max() / rows.areas.max()
     _require(off <= TESTED_ROUND_OFF, "patch", off)
     if len(surfaces) == 2 and np.abs(rows.gap).max() <= TESTED_ROUND_OFF:
-        places = np.zeros((space.size // 2, 2))
+        coordinates = np.zeros((space.size // 2, 2))
         for surface in surfaces:
-            places[surface.nodes] = surface.points
+            coordinates[surface.nodes] = surface.points
         # x and y times each unit vector: all linear fields are sums of them
-        seen = rows.matrix @ np.hstack([np.kron(column[:, None], np.eye(2)) for column in places.T])
+        seen = rows.matrix @ np.hstack(
+            [np.kron(column[:, None], np.eye(2)) for column in coordinates.T]
+        )
         _require(np.abs(seen).max() <= TESTED_ROUND_OFF, "partner")
 
 
 @blaming
-def check_load(load: object, parameters: Bounds | None = None) -> None:
-    """Check a load on tags of the blocks: its forces on two meshes, its amplitudes, their
-    derivatives and files.
+def check_load(load: Load, parameters: Bounds | None = None) -> None:
+    """Check forces, amplitudes, derivatives and files of a load.
+
+    The resultant must be the same on two meshes of the blocks.
+
+    Args:
+        load: a load on tags of the blocks.
+        parameters: ends of parameters by name, added to those of the blocks; None adds none.
     """
     sums = []
 
@@ -322,32 +332,36 @@ def check_load(load: object, parameters: Bounds | None = None) -> None:
         expected = scene.parameters.differences(force, point, TESTED_STEP)
         _require(_near(columns[:, acting] @ slopes, expected, OF_FUNCTIONS), "derivative")
     for amplitude in amplitudes.nonaffine:
-        kept = from_file(amplitude)
-        _require(all(np.array_equal(kept(point), amplitude(point)) for point in points), "file")
+        restored = from_file(amplitude)
+        _require(all(np.array_equal(restored(point), amplitude(point)) for point in points), "file")
 
 
 @blaming
-def check_output(output: Any, parameters: Bounds | None = None) -> None:
-    """Check an output of contact 0 or of the blocks: value, slopes and unit, in a condensed model
-    and a file too.
+def check_output(output: Output, parameters: Bounds | None = None) -> None:
+    """Check value, slopes and unit of an output, in a condensed model and a file too.
+
+    Args:
+        output: an output of contact 0 or of the blocks.
+        parameters: ends of parameters by name, added to those of the blocks; None adds none.
     """
 
     def value(model: AnsweringModel, point: np.ndarray) -> float:
+        """Value of the output of a model at a point, (P,)."""
         return model.outputs(point)[output.name]
 
     full = FullOrderModel(pressed_blocks(parameters, outputs=(output,)))
     assert full.functionals is not None
-    (item,) = full.functionals.items
-    same = (item.name, item.unit) == (output.name, output.unit)
-    _require(same, "name", item.name, item.unit, output.name, output.unit)
+    (functional,) = full.functionals.items
+    same = (functional.name, functional.unit) == (output.name, output.unit)
+    _require(same, "name", functional.name, functional.unit, output.name, output.unit)
     points = full.parameters.random(12, 0)  # the sixth opens the contact
     space = full.parameters
     values = [value(full, point) for point in points]
     _require(np.isfinite(values).all() and np.ptp(values) > 1e-12, "value", values)
     condensed = condense(full)
-    found = [value(condensed, point) for point in points]
-    _require(_near(found, values, TESTED_ROUND_OFF), "condensed")
-    for point in points[:6] if item.differentiable else ():
+    condensed_values = [value(condensed, point) for point in points]
+    _require(_near(condensed_values, values, TESTED_ROUND_OFF), "condensed")
+    for point in points[:6] if functional.differentiable else ():
         answer: Any = full.outputs(point, gradient=True)
         slopes = answer.gradient[output.name]
         expected = space.differences(
@@ -360,23 +374,27 @@ def check_output(output: Any, parameters: Bounds | None = None) -> None:
             [*slopes * widths, size], [*expected * widths, size], OF_ANSWERS
         )
         _require(right, "slopes", slopes, expected)
-    kept = _saved(condensed, classes_in(item))
-    _require([value(kept, point) for point in points] == found, "file")
+    restored = _saved(condensed, classes_in(functional))
+    _require([value(restored, point) for point in points] == condensed_values, "file")
 
 
 @blaming
-def check_system(system: Callable[..., Any], parameters: Bounds | None = None) -> None:
+def check_system(system: Callable[..., System], parameters: Bounds | None = None) -> None:
     """Check what makes a System of the blocks, ``Scene(system=...)``.
 
     Without parts, reductions refuse it by name.
 
     The blocks are alone, and with an equation and a spring if the plug-ins of these are installed.
+
+    Args:
+        system: makes the System, as ``Scene(system=...)``.
+        parameters: ends of parameters by name, added to those of the blocks; None adds none.
     """
     _check_system(pressed_blocks(parameters, system=system))
-    known = registry.named("public")
-    if not {"Equation", "Springs"} <= known.keys():
+    public = registry.named("public")
+    if not {"Equation", "Springs"} <= public.keys():
         return
-    equation, springs = (registry.load(known[name]) for name in ("Equation", "Springs"))
+    equation, springs = (registry.load(public[name]) for name in ("Equation", "Springs"))
     low, left, right = (
         NodesBetween(x, y - 0.1, y + 0.1) for x, y in ((1.0, 0.5), (1.0, 1.5), (2.0, 1.5))
     )
@@ -403,16 +421,16 @@ def _check_system(scene: Scene) -> None:
     tried = random.standard_normal(prolongation.free.size) * prolongation.free
     for point in points:
         at = full.system.at(point)
-        parts = full.system.parts()
+        assembled = full.system.parts()
         schur = at.stiffness.schur
         solved = at.stiffness.solve(tried)
-        own = at.problem.contact @ at.stiffness.response_to_forces(np.eye(len(schur)))
+        response = at.problem.contact @ at.stiffness.response_to_forces(np.eye(len(schur)))
         matrix = getattr(at.stiffness, "matrix", schur)  # factors read one half of it
         symmetric = abs(matrix - matrix.T).max() <= TESTED_ROUND_OFF * abs(matrix).max()
         _require(
             symmetric
             and _near(schur, schur.T, TESTED_ROUND_OFF)
-            and _near(own, schur, TESTED_ROUND_OFF),
+            and _near(response, schur, TESTED_ROUND_OFF),
             "schur",
         )
         full.system.at(full.problem.middle)  # another point in between
@@ -422,22 +440,22 @@ def _check_system(scene: Scene) -> None:
         )
         _require(same, "point")
         unknown = respond(point)[: tried.size]
-        left, slack = full.system.explicit(point, forces, unknown)
-        changes = np.stack([at.stiffness.solve(-column) for column in left.T], axis=1)
-        found = np.vstack([changes, slack - at.problem.contact @ changes])
+        residual, slack = full.system.explicit(point, forces, unknown)
+        changes = np.stack([at.stiffness.solve(-column) for column in residual.T], axis=1)
+        slopes = np.vstack([changes, slack - at.problem.contact @ changes])
         expected = full.parameters.differences(respond, point, TESTED_STEP)
-        for place, name in enumerate(full.parameters.names):
-            _require(_near(found[:, place], expected[:, place], OF_ANSWERS), "explicit", name)
-        if parts is not None:
-            weights = [modulus.value(point) for modulus in parts[0]] or [1.0]
+        for index, name in enumerate(full.parameters.names):
+            _require(_near(slopes[:, index], expected[:, index], OF_ANSWERS), "explicit", name)
+        if assembled is not None:
+            weights = [modulus.value(point) for modulus in assembled[0]] or [1.0]
             product = sum(
-                weight * (part @ tried) for weight, part in zip(weights, parts[1], strict=True)
+                weight * (term @ tried) for weight, term in zip(weights, assembled[1], strict=True)
             )
             back = at.stiffness.solve(product * prolongation.free)
             _require(_near(back, prolongation.prolong(tried), TESTED_ROUND_OFF), "parts")
     for reduced in (
         (condense, lambda full: build(full, compute_snapshots(full, points)))
-        if parts is None
+        if assembled is None
         else ()
     ):
         try:
@@ -448,7 +466,7 @@ def _check_system(scene: Scene) -> None:
 
 
 @blaming
-def check_contact_law(law: Any) -> None:
+def check_contact_law(law: PairLaw) -> None:
     """Check a law of interfaces, a :class:`~hhr_dolfinx.contact.law.PairLaw` whose plug-in is
     installed.
 
@@ -459,13 +477,15 @@ def check_contact_law(law: Any) -> None:
     pair = NodeToNode(LOWER_SURFACE, UPPER_SURFACE, (0.0, 1.0), law=law)
     full = FullOrderModel(pressed_blocks(contacts=(pair,)))
     path = _to_and_fro(full.parameters)
-    own = full.law
+    full_law = full.law
     _check_rows(full, law.plugin)
     exact = full.march(path).answers
     _check_steps(full, path, exact)
-    _check_constants(pair, own, path, exact)
+    _check_constants(pair, full_law, path, exact)
     condensed = condense(full)
-    _require(_alike(own, exact, condensed.march(path).answers, TESTED_ROUND_OFF), "condensed law")
+    _require(
+        _alike(full_law, exact, condensed.march(path).answers, TESTED_ROUND_OFF), "condensed law"
+    )
     if compilable(law.plugin):
         _check_in_c(condensed, path)
     _check_resumed(full, path, exact)
@@ -476,11 +496,11 @@ def check_contact_law(law: Any) -> None:
         )
     except NotOfferedError:
         pass
-    found = condensed.march(path, MarchSettings(time_tolerance=0.05)).answers
-    _require(all(answer.converged and np.isfinite(answer.time_error) for answer in found), "cut")
-    kept_model = _saved(condensed, classes_in(own))
+    answers = condensed.march(path, MarchSettings(time_tolerance=0.05)).answers
+    _require(all(answer.converged and np.isfinite(answer.time_error) for answer in answers), "cut")
+    kept_model = _saved(condensed, classes_in(full_law))
     _require(
-        _alike(own, condensed.march(path).answers, kept_model.march(path).answers, 0.0), "file"
+        _alike(full_law, condensed.march(path).answers, kept_model.march(path).answers, 0.0), "file"
     )
     _check_reduced(full, path, exact)
 
@@ -503,7 +523,7 @@ def _check_steps(full: FullOrderModel, path: Steps, exact: Sequence[Answer]) -> 
     """Steps are in equilibrium, at their times, without penetration, and a file keeps their
     memory.
     """
-    own = full.law
+    law = full.law
     for (time, _), answer in zip(path[1:], exact, strict=True):
         residuals = kind_of(full).residuals(answer)
         _require(
@@ -512,84 +532,86 @@ def _check_steps(full: FullOrderModel, path: Steps, exact: Sequence[Answer]) -> 
             residuals.equilibrium,
         )
         _require(residuals.penetration <= OF_FUNCTIONS, "opened", residuals.penetration)
-        kept = own.stored(answer.memory)
-        again = own.stored(own.restored({name: np.asarray(value) for name, value in kept.items()}))
-        same = kept.keys() == own.layout.keys() and all(
-            np.array_equal(kept[name], again[name]) for name in kept
+        stored = law.stored(answer.memory)
+        again = law.stored(
+            law.restored({name: np.asarray(value) for name, value in stored.items()})
+        )
+        same = stored.keys() == law.layout.keys() and all(
+            np.array_equal(stored[name], again[name]) for name in stored
         )
         _require(same, "memory")
 
 
 def _check_resumed(full: FullOrderModel, path: Steps, exact: list[Answer]) -> None:
     """A history goes on from known steps, and one that a store has is the same."""
-    own = full.law
+    law = full.law
     _require(
-        _alike(own, exact[2:], full.march(path, known=exact[:2]).answers[2:], RESUMED), "known"
+        _alike(law, exact[2:], full.march(path, known=exact[:2]).answers[2:], RESUMED), "known"
     )
     with TemporaryDirectory() as folder:
         stored = [
             compute_snapshots(full, [path], store=SnapshotStore(folder, full)).histories[0]
             for _ in range(2)
         ]
-        _require(_alike(own, stored[0].answers, stored[1].answers, 0.0), "memory")
+        _require(_alike(law, stored[0].answers, stored[1].answers, 0.0), "memory")
 
 
 def _check_reduced(full: FullOrderModel, path: Steps, exact: Sequence[Answer]) -> None:
     """A hyper-reduced model of the whole mesh has the history of the full one, if it is offered."""
-    whole = Zone(lambda problem: np.arange(len(problem.points)))
-    recipe = Recipe.of_paths(basis=Pod(MODES_LEFT_OUT), nodes=(whole,)).as_it_is()
+    all_nodes = Zone(lambda problem: np.arange(len(problem.points)))
+    recipe = Recipe.of_paths(basis=Pod(MODES_LEFT_OUT), nodes=(all_nodes,)).as_it_is()
     try:
         reduced = build(full, SnapshotSet.of_histories([full.march(path)]), recipe)
     except NotOfferedError:
         return
-    found = reduced.march(path).answers
-    _require(_alike(full.law, exact, found, 100 * np.sqrt(MODES_LEFT_OUT)), "reduced law")
+    answers = reduced.march(path).answers
+    _require(_alike(full.law, exact, answers, 100 * np.sqrt(MODES_LEFT_OUT)), "reduced law")
 
 
 def _check_rows(full: FullOrderModel, plugin: str) -> None:
     """Check the law of a plug-in on the rows of a model, and its facet ``range`` if it has one."""
-    own = full.law
-    its_own = own.of(plugin)
+    law = full.law
+    its_own = law.of(plugin)
     _require(its_own is not None, "law")
     assert its_own is not None
     rows = full.conditions
-    _require(own.pressing(rows).shape == own.distinct(rows).shape == (rows,), "rows of a law")
-    every = own.within(np.arange(rows))
-    _require(_same_parts(own, every), "within")
+    _require(law.pressing(rows).shape == law.distinct(rows).shape == (rows,), "rows of a law")
+    all_rows = law.within(np.arange(rows))
+    _require(_same_parts(law, all_rows), "within")
     _require(bool(its_own.parts()), "parts of a law")
     if "range" in registry.installed()[plugin].facets:
         check_range(full, plugin)
 
 
 def _check_constants(
-    pair: NodeToNode, own: ContactLaw, path: list[Any], exact: Sequence[Answer]
+    pair: NodeToNode, full_law: ContactLaw, path: Steps, exact: Sequence[Answer]
 ) -> None:
     """Constants of a law on which answers along a path depend change its parts."""
-    given: Any = pair.law
-    for item in fields(given) if is_dataclass(given) else ():
-        value = getattr(given, item.name)
-        text = f"1.25 * ({value})" if value in given.texts else None
-        if not item.init or (text is None and not is_number(value)):
+    law: Any = pair.law
+    for constant in fields(law) if is_dataclass(law) else ():
+        value = getattr(law, constant.name)
+        text = f"1.25 * ({value})" if value in law.texts else None
+        if not constant.init or (text is None and not is_number(value)):
             continue
         try:
-            changed = replace(given, **{item.name: text or 1.25 * value})
+            changed = replace(law, **{constant.name: text or 1.25 * value})
             full = FullOrderModel(pressed_blocks(contacts=(replace(pair, law=changed),)))
-            same = not _same_parts(own, full.law) or _alike(
-                own, exact, full.march(path).answers, OF_FUNCTIONS
+            same = not _same_parts(full_law, full.law) or _alike(
+                full_law, exact, full.march(path).answers, OF_FUNCTIONS
             )
         except HHRError:  # no admissible constant
             continue
-        _require(same, "constants", item.name)
+        _require(same, "constants", constant.name)
 
 
 def _check_in_c(model: Any, path: Steps) -> None:
     """C functions of a law give the forces of Python along a path."""
     exact = np.array([answer.multipliers for answer in model.march(path).answers])
-    found = in_c(model, path)
-    if isinstance(found, str):
-        _require(False, "kernel", found)
+    forces = in_c(model, path)
+    if isinstance(forces, str):
+        _require(False, "kernel", forces)
     else:
-        off = float(np.abs(found - exact).max() / np.abs(exact).max())
+        off = float(np.abs(forces - exact).max() / np.abs(exact).max())
         _require(off <= TESTED_ROUND_OFF, "forces in C", off)
 
 
@@ -601,51 +623,59 @@ def _same_parts(one: ContactLaw, other: ContactLaw) -> bool:
 
 
 def check_range(full: FullOrderModel, plugin: str) -> None:
-    """Check the facet ``range`` of the law of a plug-in in a model, on all of its conditions and on
-    a part of them.
+    """Check the facet ``range`` of a law, on all conditions of a model and on a subset.
+
+    Args:
+        full: full model whose scene has the law.
+        plugin: name of the plug-in of the law.
     """
     from hhr_dolfinx.plugins.contact_laws.interface import Range
 
-    own: Any = full.law
-    whole = next((part for part in getattr(own, "ranges", ()) if part.law.plugin == plugin), None)
-    whole = Range(own, np.arange(full.conditions)) if whole is None else whole
-    nodes = full.problem.contact_slaves[whole.rows]
+    law: Any = full.law
+    full_range = next(
+        (law_range for law_range in getattr(law, "ranges", ()) if law_range.law.plugin == plugin),
+        None,
+    )
+    full_range = Range(law, np.arange(full.conditions)) if full_range is None else full_range
+    nodes = full.problem.contact_slaves[full_range.rows]
     # the ends of the row have half of an area: no other order of the rows left, nor the first ones,
     # have the same
-    some = np.roll(np.flatnonzero(nodes != nodes[0])[::-1], 1)
-    part = Range(whole.law.within(some), whole.rows[some])
-    back = np.argsort(some)
-    again = whole.law.within(np.sort(some))
-    _require(_same_parts(part.law.within(back), again), "within")
+    selected = np.roll(np.flatnonzero(nodes != nodes[0])[::-1], 1)
+    subset = Range(full_range.law.within(selected), full_range.rows[selected])
+    back = np.argsort(selected)
+    again = full_range.law.within(np.sort(selected))
+    _require(_same_parts(subset.law.within(back), again), "within")
     contact_at = full.contacts()
     largest = max(
         np.abs(contact_at(point).free_slack).max() for point in full.parameters.random(4, 2)
     )
     afterwards = []
-    for one, chosen in ((whole, np.arange(whole.rows.size)), (part, some)):
+    for tested, chosen in ((full_range, np.arange(full_range.rows.size)), (subset, selected)):
         drawn = np.random.default_rng(3)
         random = np.random.default_rng(6)
-        solver = one.solver()
-        stiffness = 1.0 / np.abs(np.diag(full.schur))[one.rows]
+        solver = tested.solver()
+        stiffness = 1.0 / np.abs(np.diag(full.schur))[tested.rows]
         memory = solver.at_rest()
-        _check_size(one, memory)
+        _check_size(tested, memory)
         for point in full.parameters.random(4, 5):
-            given = memory if one.law.remembers else NO_MEMORY
-            step = partial(solver.step, given, seconds=0.7)
-            forces, slack = largest * drawn.standard_normal((2, whole.rows.size))[:, chosen]
+            previous = memory if tested.law.remembers else NO_MEMORY
+            step = partial(solver.step, previous, seconds=0.7)
+            forces, slack = largest * drawn.standard_normal((2, full_range.rows.size))[:, chosen]
             at = stiffness * forces, slack, stiffness
-            monotone = not solver.coupling(full.schur, one.rows, point)
+            monotone = not solver.coupling(full.schur, tested.rows, point)
             _check_projection(step(point), at, random, monotone)
             active = step(point).linearised(*at, 1).active
             memory = step(point).after(np.abs(at[0]), at[1], active)
-            _check_size(one, memory)
-            _check_kept(one, solver, memory, point, at)
+            _check_size(tested, memory)
+            _check_kept(tested, solver, memory, point, at)
             _check_derivatives(full, step, point, at)
-            if one.law.remembers:
+            if tested.law.remembers:
                 _check_carried(solver, point, step(point), at)
             afterwards.append(step(point).linearised(*at, 1).off)
     pairs = zip(afterwards[: len(afterwards) // 2], afterwards[len(afterwards) // 2 :], strict=True)
-    _require(all(_near(few, every[some], TESTED_ROUND_OFF) for every, few in pairs), "within")
+    _require(
+        all(_near(few, complete[selected], TESTED_ROUND_OFF) for complete, few in pairs), "within"
+    )
 
 
 def _check_size(part: Range, memory: Memory) -> None:
@@ -667,9 +697,9 @@ def _check_kept(
         {name: np.asarray(value) for name, value in part.law.stored(memory).items()}
     )
     states = []
-    for one in (memory, again):
-        step = solver.step(one if part.law.remembers else NO_MEMORY, point, 0.7)
-        states.append((part.law.opened(one), step.shift, step.linearised(*at, 1).off))
+    for state in (memory, again):
+        step = solver.step(state if part.law.remembers else NO_MEMORY, point, 0.7)
+        states.append((part.law.opened(state), step.shift, step.linearised(*at, 1).off))
     _require(all(np.array_equal(*pair) for pair in zip(*states, strict=True)), "memory")
 
 
@@ -682,16 +712,23 @@ def _check_projection(
 ) -> None:
     """``off`` is less a projection of x - c s, which of a monotone law does not expand."""
     forces, slack, stiffness = at
-    one = step.linearised(*at, 1)
+    first = step.linearised(*at, 1)
     sizes = {
         np.size(value)
-        for value in (step.shift, one.off, one.on_forces, one.on_slack, one.right, one.active)
+        for value in (
+            step.shift,
+            first.off,
+            first.on_forces,
+            first.on_slack,
+            first.right,
+            first.active,
+        )
     }
     _require(sizes == {forces.size}, "range size", forces.size)
     moved = np.abs(forces).max() * random.standard_normal(forces.size)
-    other = step.linearised(forces + moved, slack + moved / stiffness, stiffness, 1)
-    projected = forces - one.off
-    _require(_near(forces + moved - other.off, projected, TESTED_ROUND_OFF), "projection")
+    second = step.linearised(forces + moved, slack + moved / stiffness, stiffness, 1)
+    projected = forces - first.off
+    _require(_near(forces + moved - second.off, projected, TESTED_ROUND_OFF), "projection")
     if monotone:
         for way in np.diag(moved):
             change = projected - (
@@ -709,32 +746,36 @@ def _check_derivatives(
     """
     forces, slack, stiffness = at
     size = forces.size
-    found = step(point).linearised(*at, 1)
-    on_forces = np.diag(found.on_forces)
-    if found.coupling is not None:
+    linear = step(point).linearised(*at, 1)
+    on_forces = np.diag(linear.on_forces)
+    if linear.coupling is not None:
         np.add.at(
-            on_forces, (found.coupling.rows, found.coupling.columns), found.coupling.on_forces
+            on_forces, (linear.coupling.rows, linear.coupling.columns), linear.coupling.on_forces
         )
-    given = np.hstack([on_forces, found.of_slack(np.eye(size) / stiffness), found.right[:, None]])
+    jacobian = np.hstack(
+        [on_forces, linear.of_slack(np.eye(size) / stiffness), linear.right[:, None]]
+    )
     unit = TESTED_STEP * np.abs(forces).max() * np.eye(size)
 
     def off(forces: np.ndarray, slack: np.ndarray) -> np.ndarray:
+        """Residual ``off`` for changed forces and slack, (m,) each."""
         return step(point).linearised(forces, slack, stiffness, 1).off
 
     exact = [
-        (off(forces + one, slack) - off(forces - one, slack)) / (2 * one.max()) for one in unit
+        (off(forces + change, slack) - off(forces - change, slack)) / (2 * change.max())
+        for change in unit
     ]
     exact += [
-        (off(forces, slack + one / stiffness) - off(forces, slack - one / stiffness))
-        / (2 * one.max())
-        for one in unit
+        (off(forces, slack + change / stiffness) - off(forces, slack - change / stiffness))
+        / (2 * change.max())
+        for change in unit
     ]
     both = np.array(exact).T
-    right = both @ np.concatenate([forces, slack * stiffness]) - found.off
+    right = both @ np.concatenate([forces, slack * stiffness]) - linear.off
     expected = np.hstack([both, right[:, None]])
     scale = np.append(np.ones(2 * size), np.abs(forces).max())
-    combined = np.linalg.lstsq((given / scale).T, (expected / scale).T, rcond=None)[0]
-    error = float(np.abs(combined.T @ (given / scale) - expected / scale).max())
+    combined = np.linalg.lstsq((jacobian / scale).T, (expected / scale).T, rcond=None)[0]
+    error = float(np.abs(combined.T @ (jacobian / scale) - expected / scale).max())
     _require(error <= OF_ANSWERS, "newton", error)
     slopes = np.broadcast_to(np.transpose(step(point).slopes(*at)), (point.size, size)).T
     expected = full.parameters.differences(
@@ -764,16 +805,17 @@ def _check_carried(solver: RangeSolver, point: np.ndarray, step: RangeStep, at: 
         return solver.step(memory, point, 0.7).shift
 
     try:
-        found = step.carried(np.zeros((forces.size, 1)), ways[0], ways[1], active)[:, 0]
+        carried = step.carried(np.zeros((forces.size, 1)), ways[0], ways[1], active)[:, 0]
     except NotOfferedError:  # gradients of its histories are refused
         return
-    rest = solver.step(solver.at_rest(), point, 0.7)
+    at_rest = solver.step(solver.at_rest(), point, 0.7)
     _require(
-        _near(step.linearised(*at, 1).off, rest.linearised(*at, 1).off, TESTED_ROUND_OFF), "beyond"
+        _near(step.linearised(*at, 1).off, at_rest.linearised(*at, 1).off, TESTED_ROUND_OFF),
+        "beyond",
     )
     step.linearised(*at, 1)
     expected = 0.5 * (shift(1.0) - shift(-1.0))
-    error = float(np.abs(found - expected).max() / (np.abs(expected).max() or 1.0))
+    error = float(np.abs(carried - expected).max() / (np.abs(expected).max() or 1.0))
     _require(error <= OF_FUNCTIONS, "carried", error)
 
 
@@ -788,7 +830,9 @@ def _alike(
         for answers in (one, other)
     ]
     for name in arrays[0][0]:
-        pair = [np.array([np.asarray(kept[name], float) for kept in answers]) for answers in arrays]
+        pair = [
+            np.array([np.asarray(stored[name], float) for stored in answers]) for answers in arrays
+        ]
         if np.abs(pair[0] - pair[1]).max(initial=0.0) > tolerance * np.abs(pair[0]).max(
             initial=0.0
         ):
@@ -800,13 +844,16 @@ def _alike(
 def check_reductor(
     reductor: object, known: Iterable[type] = (), *, tolerance: float = 0.05
 ) -> None:
-    """Check a way to reduce, on blocks of constant stiffness and on blocks whose modulus is a
-    parameter.
+    """Check a reductor on blocks of constant stiffness, and with a modulus as parameter.
 
     Its model agrees with full answers that were held out: to round-off if it calls itself exact,
     else to ``tolerance``, and within its bounds if it has any. It may refuse files, gradients and
-    the varying modulus, with an error of the package. ``known`` are your classes that its files
-    hold, see :func:`hhr_dolfinx.load_model`.
+    the varying modulus, with an error of the package.
+
+    Args:
+        reductor: the reductor.
+        known: your classes that its files hold, see :func:`hhr_dolfinx.load_model`.
+        tolerance: largest relative error of forces and displacements.
     """
     bodies = Body(LOWER_BODY, "young", 0.3), Body(UPPER_BODY, 5.0, 0.3)
     for scene in (pressed_blocks(), pressed_blocks({"young": (1.0, 4.0)}, bodies=bodies)):
@@ -823,15 +870,15 @@ def check_reductor(
             raise
         _check_answers(full, model, tolerance)
         try:
-            kept = _saved(model, known)
+            restored = _saved(model, known)
         except NotOfferedError:
             continue
         pairs = [
-            [one.solve(point, outside="ignore") for one in (model, kept)]
+            [solver.solve(point, outside="ignore") for solver in (model, restored)]
             for point in sets[1].points
         ]
-        arrays = [[np.append(one.forces(), one.unknown) for one in pair] for pair in pairs]
-        _require(all(np.array_equal(one, other) for one, other in arrays), "file")
+        arrays = [[np.append(answer.forces(), answer.unknown) for answer in pair] for pair in pairs]
+        _require(all(np.array_equal(first, second) for first, second in arrays), "file")
 
 
 def _check_answers(full: FullOrderModel, model: AnsweringModel, tolerance: float) -> None:
@@ -844,28 +891,32 @@ def _check_answers(full: FullOrderModel, model: AnsweringModel, tolerance: float
         (full.solve(point), model.solve(point, outside="ignore"))
         for point in full.parameters.random(8, 1)
     ]
-    both = [[(one.forces(), one.displacement()) for one in pair] for pair in pairs]
-    sizes = [max(np.linalg.norm(there[k]) for there, _ in both) for k in (0, 1)]
+    both = [[(answer.forces(), answer.displacement()) for answer in pair] for pair in pairs]
+    sizes = [max(np.linalg.norm(reference[k]) for reference, _ in both) for k in (0, 1)]
     limit = TESTED_ROUND_OFF if model.fields.exact else tolerance
     claim = "calls itself exact" if model.fields.exact else f"promises {tolerance:g}"
-    for (there, here), (exact, reduced) in zip(pairs, both, strict=True):
+    for (reference, approximate), (exact, reduced) in zip(pairs, both, strict=True):
         off = [reduced[k] - exact[k] for k in (0, 1)]
         error = max(float(np.linalg.norm(off[k]) / sizes[k]) for k in (0, 1))
-        place = full.parameters.described(there.parameter)
-        _require(error <= limit, "answer", claim, error, place)
-        if (bound := here.estimate()) is not None and bound.kind == "bound":
+        location = full.parameters.described(reference.parameter)
+        _require(error <= limit, "answer", claim, error, location)
+        if (bound := approximate.estimate()) is not None and bound.kind == "bound":
             energy = np.sqrt(
-                max(off[1] @ (full.problem.at(there.parameter).stiffness @ off[1]), 0.0)
+                max(off[1] @ (full.problem.at(reference.parameter).stiffness @ off[1]), 0.0)
             )
             held = np.linalg.norm(off[0]) <= bound.forces_euclid + TESTED_ROUND_OFF * sizes[0]
-            _require(held and energy <= bound.primal + TESTED_ROUND_OFF * sizes[0], "bound", place)
+            _require(
+                held and energy <= bound.primal + TESTED_ROUND_OFF * sizes[0], "bound", location
+            )
         try:
-            found = model.solve(there.parameter, gradient=True, outside="ignore").gradient
+            gradient = model.solve(reference.parameter, gradient=True, outside="ignore").gradient
         except NotOfferedError:
             continue
-        assert found is not None
-        expected = full.parameters.differences(forces, there.parameter, TESTED_STEP)
-        _require(found.one_sided or _near(found.multipliers, expected, OF_ANSWERS), "gradient")
+        assert gradient is not None
+        expected = full.parameters.differences(forces, reference.parameter, TESTED_STEP)
+        _require(
+            gradient.one_sided or _near(gradient.multipliers, expected, OF_ANSWERS), "gradient"
+        )
 
 
 def _near(found: ArrayLike, expected: ArrayLike, tolerance: float) -> bool:

@@ -52,8 +52,8 @@ RIGHT_END = 4.0
 MIDDLE = 2.5
 """Ends of the lower block along x, in axisymmetry of the radius, and their mean."""
 BESIDE = 3.0
-"""Where outputs read displacements: in the middle that along x nearly vanishes, 1/400 of the other
-one.
+"""Position at which outputs read displacements: in the middle that along x nearly vanishes, 1/400
+of the other one.
 """
 FAR = 100.0
 """Coordinate of what is too far away to be touched."""
@@ -77,7 +77,12 @@ class Varied(NamedTuple):
     values: tuple[float, ...] | float
 
     def along(self, scale: float, share: float | None) -> np.ndarray:
-        """Values along a path, (T,): scaled ones, or a constant at a share of the range."""
+        """Values along a path, (T,): scaled ones, or a constant at a share of the range.
+
+        Args:
+            scale: factor of values that change along the path.
+            share: share of the range for constant parameters, from 0 to 1; None takes their value.
+        """
         if not isinstance(self.values, tuple):
             between = self.lower + (share or 0.0) * (self.upper - self.lower)
             return np.full(len(COURSE), self.values if share is None else between)
@@ -93,12 +98,12 @@ class NodesBetween(NamedTuple):
 
     def nodes(self, points: np.ndarray) -> np.ndarray:
         """See :class:`~hhr_dolfinx.parameters.Place`."""
-        inside = (points[:, 1] > self.lower) & (points[:, 1] < self.upper)
-        return np.flatnonzero(inside & np.isclose(points[:, 0], self.along, atol=1e-6))
+        between = (points[:, 1] > self.lower) & (points[:, 1] < self.upper)
+        return np.flatnonzero(between & np.isclose(points[:, 0], self.along, atol=1e-6))
 
 
 class Kind(NamedTuple):
-    """What decides how other switches add their capability, such as the dimension."""
+    """Properties that decide how other switches add their capability, such as the dimension."""
 
     hypothesis: str = "plane_strain"
     element: str = ""
@@ -165,15 +170,31 @@ class SceneDraft:
         return ("x", "y", "z")[: self.dimension]
 
     def at(self, x: float | str, y: float | str) -> tuple[float | str, ...]:
-        """Coordinates of a point in the middle of the third axis."""
+        """Coordinates of a point in the middle of the third axis.
+
+        Args:
+            x: first coordinate, a number or a formula.
+            y: second coordinate, a number or a formula.
+        """
         return (x, y, 0.5)[: self.dimension]
 
     def vector(self, x: float, y: float) -> tuple[float, ...]:
-        """A vector in the plane."""
+        """Vector in the plane of the first two axes.
+
+        Args:
+            x: first component.
+            y: second component.
+        """
         return (x, y, 0.0)[: self.dimension]
 
     def nodes(self, along: float, lower: float, upper: float) -> NodesBetween:
-        """Nodes at a place along the first axis, between two heights."""
+        """Nodes at a position on the first axis, between two heights.
+
+        Args:
+            along: first coordinate.
+            lower: lower end of the second coordinate.
+            upper: upper end of the second coordinate.
+        """
         return NodesBetween(along, lower, upper)
 
     def exclude(self, condition: bool, reason: str) -> None:
@@ -183,15 +204,15 @@ class SceneDraft:
 
     def of_hypothesis(self, hypothesis: str) -> SceneDraft:
         """The draft of another hypothesis than plane strain."""
-        known = self.kind.hypothesis
-        other = known not in ("plane_strain", hypothesis)
-        self.exclude(other, f"a scene is {known} or {hypothesis}, not both")
+        chosen = self.kind.hypothesis
+        conflict = chosen not in ("plane_strain", hypothesis)
+        self.exclude(conflict, f"a scene is {chosen} or {hypothesis}, not both")
         return replace(self, kind=self.kind._replace(hypothesis=hypothesis))
 
     def of_element(self, element: str) -> SceneDraft:
         """The draft with an element of second order."""
-        known = self.kind.element
-        self.exclude(known not in ("", element), f"elements are {known} or {element}, not both")
+        chosen = self.kind.element
+        self.exclude(chosen not in ("", element), f"elements are {chosen} or {element}, not both")
         return replace(self, kind=self.kind._replace(element=element))
 
     def of_simplices(self) -> SceneDraft:
@@ -209,17 +230,35 @@ class SceneDraft:
         upper: float,
         values: float | Sequence[float],
     ) -> SceneDraft:
-        """The draft with a parameter and its values along the path, (T,), or its constant."""
+        """The draft with a parameter and its values along the path, (T,), or its constant.
+
+        Args:
+            name: name of the parameter.
+            lower: lower end of its range.
+            upper: upper end of its range.
+            values: values along the path, (T,), or its constant.
+        """
         along = float(values) if isinstance(values, int | float) else tuple(map(float, values))
         return replace(self, varied=(*self.varied, Varied(name, lower, upper, along)))
 
     def with_load_parameter(self, name: str, largest: float, neutral: bool) -> SceneDraft:
-        """The draft with a parameter from 0 to a largest value along the path; 0 if neutral."""
+        """The draft with a parameter from 0 to a largest value along the path; 0 if neutral.
+
+        Args:
+            name: name of the parameter.
+            largest: value at the end of the path.
+            neutral: keep the value 0 along the path.
+        """
         values = [0.0 if neutral else 0.8 * largest * share for share in ASIDE]
         return self.with_parameter(name, -0.2 * largest, largest, values)
 
     def with_body(self, tag: Tag, changed: Callable[[Body], Body]) -> SceneDraft:
-        """The draft with a body that is changed."""
+        """The draft with a body that is changed.
+
+        Args:
+            tag: tag of the body.
+            changed: makes the changed body of the one in the draft.
+        """
         lower, upper = (changed(body) if body.tag == tag else body for body in self.bodies)
         return replace(self, bodies=(lower, upper))
 
@@ -247,8 +286,8 @@ class SceneDraft:
 
     def with_pairing(self, pairing: Callable[..., Pairing]) -> SceneDraft:
         """The draft with another pairing of the blocks, on meshes that do not match."""
-        other = self.pairing not in (None, pairing)
-        self.exclude(other, "the surfaces of the blocks are paired in one way")
+        conflict = self.pairing not in (None, pairing)
+        self.exclude(conflict, "the surfaces of the blocks are paired in one way")
         return replace(self.of_other_meshes(), pairing=pairing)
 
     def with_contact_law(self, **law: float | str | PairLaw) -> SceneDraft:
@@ -284,9 +323,9 @@ class SceneDraft:
             bodies=self.bodies,
             contacts=contacts,
             parameters=ParameterSpace(
-                tuple(one.name for one in space),
-                tuple(one.lower for one in space),
-                tuple(one.upper for one in space),
+                tuple(parameter.name for parameter in space),
+                tuple(parameter.lower for parameter in space),
+                tuple(parameter.upper for parameter in space),
             ),
             displacements=(*self._imposed(), *self.displacements),
             loads=(*self._loads(), *self.loads),
@@ -303,8 +342,12 @@ class SceneDraft:
         """A load path whose values that change are scaled.
 
         Parameters that are constant on it have their value, or are at a share of their range.
+
+        Args:
+            scale: factor of values that change along the path.
+            share: share of the range for constant parameters; None takes their values.
         """
-        columns = [one.along(scale, share) for one in self._space()]
+        columns = [parameter.along(scale, share) for parameter in self._space()]
         return [(float(k), point) for k, point in enumerate(np.column_stack(columns))]
 
     def model(self, scene: Scene) -> AnsweringModel:
@@ -318,14 +361,14 @@ class SceneDraft:
         lower = (12, 3) if dim == 2 else (6, 2, 2)
         upper = lower if matching else (7, 3) if dim == 2 else (3, 2, 3)
         left, right = self.flanks
-        made = partial(
+        blocks = partial(
             two_blocks,
             first=((LEFT_END, 0.0, 0.0)[:dim], (RIGHT_END, 1.0, 1.0)[:dim], lower),
             second=((left, 1.0, 0.0)[:dim], (right, 2.0, 1.0)[:dim], upper),
             simplices=self.kind.simplices,
             warp=rounded,
         )
-        return made if self.meshed is None else self.meshed(made)
+        return blocks if self.meshed is None else self.meshed(blocks)
 
     def _space(self) -> tuple[Varied, ...]:
         push = Varied("push", -0.004, 0.06, tuple(0.05 * share for share in COURSE))
@@ -358,16 +401,21 @@ class SceneDraft:
         return (self.pairing or self.usual or facing)(upper, lower, **self.law)
 
     def _outputs(self) -> tuple[Output, ...]:
-        inside = tuple(map(float, self.at(BESIDE, 1 / 3 if self.dimension == 2 else 0.5)))
+        point = tuple(map(float, self.at(BESIDE, 1 / 3 if self.dimension == 2 else 0.5)))
         return (
             ContactForce("force", 0, self.vector(0.0, 1.0)),
-            DisplacementAt("sunk", inside, 1, tag=FIRST),
-            DisplacementAt("moved", inside, 0, tag=FIRST),
+            DisplacementAt("sunk", point, 1, tag=FIRST),
+            DisplacementAt("moved", point, 0, tag=FIRST),
         )
 
 
 def rounded(points: np.ndarray, tag: int) -> np.ndarray:
-    """Coordinates, (n, dim), with a round upper side of the lower block."""
+    """Coordinates, (n, dim), with a round upper side of the lower block.
+
+    Args:
+        points: coordinates of nodes, (n, dim).
+        tag: tag of the body that they belong to.
+    """
     warped = points.copy()
     if tag == FIRST:
         warped[:, 1] -= ROUNDNESS * points[:, 1] * (points[:, 0] - MIDDLE) ** 2
@@ -378,7 +426,7 @@ Switch = Callable[..., SceneDraft]
 
 
 class ChosenSwitch(NamedTuple):
-    """A switch, by its name, and whether it adds its neutral value."""
+    """A switch by its name, which may add its neutral value."""
 
     name: str
     switch: Switch
@@ -391,7 +439,9 @@ class ChosenSwitch(NamedTuple):
 
 def switches() -> dict[str, Switch]:
     """Switches of all plug-ins by name."""
-    return {name: registry.load(place) for name, place in registry.named("switches").items()}
+    return {
+        name: registry.load(import_path) for name, import_path in registry.named("switches").items()
+    }
 
 
 def has_neutral(switch: Switch) -> bool:
@@ -405,6 +455,10 @@ def composed(chosen: Iterable[ChosenSwitch], start: SceneDraft | None = None) ->
     Switches look at the kind of the draft. If one changes it, all are applied again to a draft of
     the new kind.
 
+    Args:
+        chosen: switches of the capabilities.
+        start: draft to begin with; None takes the blocks alone.
+
     Raises:
         Excluded: if the capabilities exclude each other by what they mean.
     """
@@ -412,8 +466,8 @@ def composed(chosen: Iterable[ChosenSwitch], start: SceneDraft | None = None) ->
     chosen = tuple(chosen)
     while True:
         draft = start
-        for one in chosen:
-            draft = one.applied(draft)
+        for switch in chosen:
+            draft = switch.applied(draft)
         if draft.kind == start.kind:
             return draft
         start = replace(start, kind=draft.kind)

@@ -43,13 +43,23 @@ int ask(int count, const double *points, double *forces) {
 
 def compilable(plugin: str) -> bool:
     """True if a plug-in of laws brings C functions, and a compiler ``cc`` is there."""
-    known = registry.installed()
-    return NEEDED in known and "kernel" in known[plugin].facets and shutil.which("cc") is not None
+    installed = registry.installed()
+    return (
+        NEEDED in installed
+        and "kernel" in installed[plugin].facets
+        and shutil.which("cc") is not None
+    )
 
 
 def in_c(model: Any, path: Sequence[tuple[float, np.ndarray]]) -> np.ndarray | str:
-    """Forces of a compiled header in steps of a second, (steps, m), or what a compiler says that
-    refuses it.
+    """Forces of a compiled header in steps of a second, (steps, m).
+
+    Args:
+        model: a condensed model.
+        path: times and parameters, the first ones at rest.
+
+    Returns:
+        The forces, or the message of a compiler that refuses the header.
     """
     from hhr_dolfinx.plugins.exporters.c_header import write_c_header
 

@@ -22,8 +22,13 @@ if TYPE_CHECKING:
 
 
 def young(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """Young's modulus as a parameter: of the lower block, or of one that does not state it
-    itself.
+    """Young's modulus of a block as a parameter.
+
+    The lower block, or one that does not state its modulus itself.
+
+    Args:
+        draft: draft of the scene.
+        neutral: add the capability with values that change no answer.
     """
     body = draft.hookean
     factor = float(body.young) / 3.0
@@ -33,26 +38,46 @@ def young(draft: SceneDraft, neutral: bool) -> SceneDraft:
 
 
 def poisson(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """Poisson's ratio of such a block as a parameter."""
+    """Poisson's ratio of such a block as a parameter.
+
+    Args:
+        draft: draft of the scene.
+        neutral: add the capability with values that change no answer.
+    """
     draft = draft.with_parameter("nu1", 0.15, 0.4, 0.3 if neutral else 0.23)
     return draft.with_body(draft.hookean.tag, lambda body: replace(body, poisson="nu1"))
 
 
 def opening(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """A gap between the blocks that grows along the path."""
+    """A gap between the blocks that grows along the path.
+
+    Args:
+        draft: draft of the scene.
+        neutral: add the capability with values that change no answer.
+    """
     draft = draft.with_load_parameter("gap", 0.01, neutral)
     opened = Opening(0, Amplitude(slopes={"gap": 1.0}))
     return replace(draft, openings=(*draft.openings, opened))
 
 
 def obstacle(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """A rigid plane beside the lower block."""
+    """A rigid plane beside the lower block.
+
+    Args:
+        draft: draft of the scene.
+        neutral: add the capability with values that change no answer.
+    """
     offset = FAR if neutral else RIGHT_END + 0.0005
     return draft.with_obstacle(Obstacle(side(FIRST, 0, True), draft.vector(1.0, 0.0), offset))
 
 
 def traction(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """Shear on a flank of the lower block."""
+    """Shear on a flank of the lower block.
+
+    Args:
+        draft: draft of the scene.
+        neutral: add the capability with values that change no answer.
+    """
     draft = draft.with_load_parameter("shear", 0.02, neutral)
     amplitude = Amplitude(slopes={"shear": 1.0})
     return draft.with_loads(Traction(side(FIRST, 0, False), draft.vector(0.0, 1.0), amplitude))
@@ -88,7 +113,12 @@ def simplices(draft: SceneDraft) -> SceneDraft:
 
 
 def graded(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """A modulus of the lower block that changes across it."""
+    """A modulus of the lower block that changes across it.
+
+    Args:
+        draft: draft of the scene.
+        neutral: add the capability with values that change no answer.
+    """
     slope = 0.0 if neutral else 0.1
 
     def factor(x: Expr) -> Expr:

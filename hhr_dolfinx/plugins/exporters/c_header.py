@@ -20,9 +20,11 @@ from hhr_dolfinx.plugins.pages.arrays import check_model, contact_tree
 from hhr_dolfinx.plugins.pages.kernel import FLAGS_OF_PARTS, kernel_parts, kernel_text
 from hhr_dolfinx.plugins.pages.laws import laws_of
 from hhr_dolfinx.plugins.pages.packing import Packed
-from hhr_dolfinx.plugins.pages.records import RecordedFormula, Struct, kernel_data
+from hhr_dolfinx.plugins.pages.records import RecordedFormula, Steps, Struct, kernel_data
 from hhr_dolfinx.warn import warn
 
+Tree = dict[str, Any]
+"""Numbers and names of a model as JSON, see ``plugins.pages.arrays.contact_tree``."""
 MOST_HEADER_NUMBERS = 4_000_000
 """Most numbers of a header: 80 MB of text, such as S of 2,800 conditions."""
 _SIGNS = ("+", "-", "*", "/")
@@ -65,8 +67,17 @@ def write_c_header(path: str | Path, model: object) -> Path:
     return Path(path)
 
 
-def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
-    """Text of the header, with ``name`` instead of ``model``, and the tree it was made from."""
+def c_header(model: Any, name: str) -> tuple[str, Tree]:
+    """Text of a header in C, and the tree that it is made from.
+
+    Args:
+        model: a condensed model.
+        name: identifier in C that the names of the header begin with.
+
+    Raises:
+        NotOfferedError: if the name is no identifier of C, for a model that has no header, or one
+            that is too large to be compiled.
+    """
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
         raise NotOfferedError(
             f"{name!r} is no identifier of C, from which names of the header are made: name it else"
@@ -95,14 +106,14 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
         "MODEL_TITLE", name
     )
     text = text.replace("/*DATA*/", _Data(tree, arrays.arrays).text())
-    own = {"model_": f"{name}_", "MODEL_": f"{name.upper()}_"}
+    prefixes = {"model_": f"{name}_", "MODEL_": f"{name.upper()}_"}
     # quoted texts are names of the scene
     return re.sub(
-        r'"[^"\n]*"|\b(?:model_|MODEL_)', lambda found: own.get(found[0], found[0]), text
+        r'"[^"\n]*"|\b(?:model_|MODEL_)', lambda found: prefixes.get(found[0], found[0]), text
     ), tree
 
 
-def box_of(tree: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+def box_of(tree: Tree) -> tuple[np.ndarray, np.ndarray]:
     """Ends of the box, (P,) each: of the parameters, or of the training range within it."""
     lower = np.array(tree["lower"])
     upper = np.array(tree["upper"])
@@ -111,7 +122,7 @@ def box_of(tree: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     return np.maximum(lower, tree["trained"][0]), np.minimum(upper, tree["trained"][1])
 
 
-def formula(steps: list[Any]) -> str:
+def formula(steps: Steps) -> str:
     """C expression of the parameters ``p``, from operations of
     ``plugins.pages.packing.steps_of``.
     """
@@ -142,7 +153,7 @@ def formula(steps: list[Any]) -> str:
 class _Data:
     """Arrays, formulas and records of a header."""
 
-    def __init__(self, tree: dict[str, Any], arrays: dict[str, np.ndarray]):
+    def __init__(self, tree: Tree, arrays: dict[str, np.ndarray]):
         self.tree = tree
         self.arrays = arrays
         self.kernel = kernel_data(tree, arrays, box_of(tree))
@@ -150,13 +161,13 @@ class _Data:
 
     def text(self) -> str:
         """All declarations, in an order that C accepts."""
-        own = [self._declared(name, value) for name, value in self.kernel.data.items()]
-        return "\n".join([*self._sizes(), *self._names(), *self.parts.values(), *own])
+        declarations = [self._declared(name, value) for name, value in self.kernel.data.items()]
+        return "\n".join([*self._sizes(), *self._names(), *self.parts.values(), *declarations])
 
     def _sizes(self) -> Iterable[str]:
-        parts = kernel_parts(self.tree)
+        features = kernel_parts(self.tree)
         sizes = self.kernel.sizes | {
-            name: int(part in parts) for part, name in FLAGS_OF_PARTS.items()
+            name: int(feature in features) for feature, name in FLAGS_OF_PARTS.items()
         }
         return [f"#define MODEL_{name} {size}" for name, size in sizes.items()]
 
@@ -164,8 +175,8 @@ class _Data:
         tree = self.tree
         words = {
             "parameter_names": tree["names"],
-            "output_names": [item["name"] for item in tree["outputs"]],
-            "output_units": [item["unit"] for item in tree["outputs"]],
+            "output_names": [output["name"] for output in tree["outputs"]],
+            "output_units": [output["unit"] for output in tree["outputs"]],
         }
         for name, values in words.items():
             quoted = ", ".join(_quoted(value) for value in values) or "0"
@@ -177,7 +188,7 @@ class _Data:
             return f"static const model_{value.kind} model_{name} = {self._record(value)};"
         if isinstance(value, list):
             nothing = "{0}" if name == "moduli" else "{.count = 0}"
-            records = ",\n".join(self._record(item) for item in value) or nothing
+            records = ",\n".join(self._record(record) for record in value) or nothing
             return f"static const model_{RECORDS[name]} model_{name}[] = {{{records}}};"
         return self._array(name, np.zeros(1) if value is None else self._values(value))
 
@@ -185,13 +196,13 @@ class _Data:
         return self.arrays[value] if isinstance(value, str) else value
 
     def _array(self, name: str, values: np.ndarray) -> str:
-        whole = values.dtype.kind in "iu"
-        numbers = [str(value) if whole else repr(value) for value in values.ravel().tolist()] or [
+        integer = values.dtype.kind in "iu"
+        numbers = [str(value) if integer else repr(value) for value in values.ravel().tolist()] or [
             "0"
         ]
         lines = [", ".join(numbers[k : k + 8]) for k in range(0, len(numbers), 8)]
         return (
-            f"static const {'int' if whole else 'double'} model_{name}[] = {{\n"
+            f"static const {'int' if integer else 'double'} model_{name}[] = {{\n"
             + ",\n".join(lines)
             + "};"
         )
@@ -216,7 +227,7 @@ class _Data:
                 key, lambda name: f"static const model_{value.kind} {name} = {text};"
             )
         if isinstance(value, list):
-            names = ", ".join(self._function(item.steps) for item in value)
+            names = ", ".join(self._function(function.steps) for function in value)
             return self._put(
                 key, lambda name: f"static const model_function {name}[] = {{{names}}};"
             )
@@ -233,7 +244,7 @@ class _Data:
         self.parts[name] = declared(name)
         return name
 
-    def _function(self, steps: list[Any] | None) -> str:
+    def _function(self, steps: Steps | None) -> str:
         """Declare a function of the parameters; returns its name in C."""
         if steps is None:
             return "0"
@@ -248,8 +259,8 @@ def _quoted(text: str) -> str:
     """C string literal in ASCII; other characters are escapes of their bytes, each ending a
     literal.
     """
-    found = "".join(
+    escaped = "".join(
         chr(byte) if 32 <= byte < 127 and chr(byte) not in '"\\?' else f'\\x{byte:02x}""'
         for byte in text.encode(errors="replace")
     )
-    return f'"{found}"'
+    return f'"{escaped}"'

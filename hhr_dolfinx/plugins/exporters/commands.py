@@ -62,6 +62,6 @@ def export(scene: str, words: tuple[str, ...], out: Path) -> None:
     from hhr_dolfinx.plugins.exporters.deck import write_deck
 
     checked_target(out, DECKS)
-    made = scene_of(scene)
-    write_deck(out, Discretisation(made, MPI.COMM_SELF), point_of(words, made.parameters))
+    loaded = scene_of(scene)
+    write_deck(out, Discretisation(loaded, MPI.COMM_SELF), point_of(words, loaded.parameters))
     click.echo(out)

@@ -23,7 +23,7 @@ from hhr_dolfinx.files import replacing
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries.cells import CORNERS, EDGES, FACES, TENSOR_ORDER
-from hhr_dolfinx.parameters import PointLike
+from hhr_dolfinx.parameters import Place, PointLike, Tag
 
 PENALTY = 100.0
 """Normal penalty stiffness times the length of a facet, over the largest Young's modulus."""
@@ -33,6 +33,11 @@ _ELEMENTS = {"plane_strain": "CPE", "plane_stress": "CPS", "axisymmetric": "CAX"
 
 def write_deck(path: Path, discretisation: Discretisation, mu: PointLike) -> None:
     """Write the deck of a scene at a parameter.
+
+    Args:
+        path: file of the deck.
+        discretisation: discretisation of the scene, on one rank.
+        mu: parameters, (P,).
 
     Raises:
         SceneError: for scenes that a deck cannot describe: with inelastic bodies, shapes, gradings,
@@ -64,7 +69,9 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
         "shapes depend on parameters": bool(scene.shapes),
         "bodies are graded": any(body.grading is not None for body in scene.bodies),
         "bodies have a stress of their own": any(map(scene.states_stress, scene.bodies)),
-        "a surface meets a rigid obstacle": any(len(item.tags) == 1 for item in scene.contacts),
+        "a surface meets a rigid obstacle": any(
+            len(contact.tags) == 1 for contact in scene.contacts
+        ),
         "a contact has a law with a limit": any(
             _in_deck(law).limited(law) for law in scene.laws if law is not None
         ),
@@ -74,8 +81,8 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
             scene.opened(k, point) or scene.overwritten(k) for k in range(len(scene.contacts))
         ),
     }
-    for fault, there in faults.items():
-        if there:
+    for fault, present in faults.items():
+        if present:
             raise SceneError(
                 f"{fault} in scene '{scene.name}', which a deck cannot say: export it without"
             )
@@ -84,21 +91,25 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
 class LawInDeck(Protocol):
     """Facet ``deck`` of a law of interfaces."""
 
-    def limited(self, law: object) -> bool:
+    def limited(self, law: PairLaw) -> bool:
         """True if a deck cannot say all of a pair's law."""
 
     def lines(
-        self, law: object, number: Callable[[float | str], float], penalty: float
+        self, law: PairLaw, number: Callable[[float | str], float], penalty: float
     ) -> Iterator[str]:
-        """Lines in the interaction of a pair: its law, values of formulas at the point, and its
-        penalty stiffness.
+        """Lines in the interaction of a pair.
+
+        Args:
+            law: law of the pair.
+            number: value of a number or formula at the point of the deck.
+            penalty: penalty stiffness of the pair, in stress per length.
         """
 
 
 def _in_deck(law: PairLaw) -> LawInDeck:
     """The facet ``deck`` of a law; refused if its plug-in has none."""
-    found: LawInDeck = registry.facet(law.plugin, "deck", f"a deck of contacts with {law.words}")
-    return found
+    facet: LawInDeck = registry.facet(law.plugin, "deck", f"a deck of contacts with {law.words}")
+    return facet
 
 
 def _mesh(discretisation: Discretisation) -> Iterator[str]:
@@ -106,16 +117,16 @@ def _mesh(discretisation: Discretisation) -> Iterator[str]:
     cells = _cells(discretisation)
     kind = f"{_ELEMENTS[discretisation.scene.hypothesis]}{cells.shape[1]}"
     yield "*NODE, NSET=NALL"
-    for number, place in enumerate(points, start=1):
-        yield ", ".join([str(number), *(_text(x) for x in place)])
+    for number, position in enumerate(points, start=1):
+        yield ", ".join([str(number), *(_text(x) for x in position)])
     owner = discretisation.cell_bodies()
-    for place, body in enumerate(discretisation.scene.bodies):
+    for index, body in enumerate(discretisation.scene.bodies):
         yield f"*ELEMENT, TYPE={kind}, ELSET={_word(body.tag)}"
-        for number in np.flatnonzero(owner == place).tolist():
+        for number in np.flatnonzero(owner == index).tolist():
             yield ", ".join(str(n) for n in (number + 1, *(cells[number] + 1)))
     scene = discretisation.scene
     dim = points.shape[1]
-    tags = [item.tag for item in scene.displacements] + [
+    tags = [displacement.tag for displacement in scene.displacements] + [
         getattr(load, "tag", None) for load in scene.loads
     ]
     bodies = {body.tag for body in scene.bodies}
@@ -123,9 +134,9 @@ def _mesh(discretisation: Discretisation) -> Iterator[str]:
         nodes = np.unique(discretisation._tagged_dofs(tag, 0) // dim) + 1
         yield f"*NSET, NSET={_word(tag)}"
         yield from (
-            ", ".join(map(str, part))
-            for part in np.array_split(nodes, -(-nodes.size // 12))
-            if part.size
+            ", ".join(map(str, chunk))
+            for chunk in np.array_split(nodes, -(-nodes.size // 12))
+            if chunk.size
         )
 
 
@@ -145,14 +156,14 @@ def _between(kind: str, cells: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Nodes on the edges of second-order cells, (cells, edges), from the order of their corners,
     (cells, corners).
     """
-    known: dict[tuple[int, ...], int] = {}
-    for place, edge in enumerate(topology(kind)[0]):
+    node_of: dict[tuple[int, ...], int] = {}
+    for index, edge in enumerate(topology(kind)[0]):
         ends = np.sort(cells[:, edge], axis=1)
-        known |= dict(
-            zip(map(tuple, ends.tolist()), cells[:, CORNERS[kind] + place].tolist(), strict=True)
+        node_of |= dict(
+            zip(map(tuple, ends.tolist()), cells[:, CORNERS[kind] + index].tolist(), strict=True)
         )
     wanted = (np.sort(corners[:, edge], axis=1).tolist() for edge in EDGES[kind])
-    return np.array([[known[tuple(ends)] for ends in edge] for edge in wanted]).T
+    return np.array([[node_of[tuple(ends)] for ends in edge] for edge in wanted]).T
 
 
 def _oriented(discretisation: Discretisation, cells: np.ndarray) -> np.ndarray:
@@ -163,19 +174,19 @@ def _oriented(discretisation: Discretisation, cells: np.ndarray) -> np.ndarray:
     if points.shape[2] == 2:
         first = points[:, 1] - points[:, 0]
         last = points[:, -1] - points[:, 0]
-        left = first[:, 0] * last[:, 1] - first[:, 1] * last[:, 0] > 0
-        cells[~left] = cells[~left][:, ::-1]
+        counterclockwise = first[:, 0] * last[:, 1] - first[:, 1] * last[:, 0] > 0
+        cells[~counterclockwise] = cells[~counterclockwise][:, ::-1]
         return cells
-    others = (
+    edges = (
         points[:, k] - points[:, 0] for k in ((1, 2, 3) if points.shape[1] == 4 else (1, 3, 4))
     )
-    outward = np.linalg.det(np.stack(list(others), axis=1)) > 0
+    outward = np.linalg.det(np.stack(list(edges), axis=1)) > 0
     order = [0, 2, 1, 3] if points.shape[1] == 4 else [0, 3, 2, 1, 4, 7, 6, 5]
     cells[~outward] = cells[~outward][:, order]
     return cells
 
 
-def _word(tag: object) -> str:
+def _word(tag: Tag | Place) -> str:
     """Tag as a valid name of a deck: one word that begins with a letter."""
     word = "".join(letter if letter.isalnum() else "_" for letter in str(tag))
     return word if word[:1].isalpha() else f"tag_{word}"
@@ -198,8 +209,8 @@ def _materials(discretisation: Discretisation, point: np.ndarray) -> Iterator[st
 
 def _text(value: float) -> str:
     """Number with as many digits as fit into the twenty characters that CalculiX reads."""
-    whole = repr(float(value))
-    return whole if len(whole) <= 20 else f"{value:.13e}"
+    digits = repr(float(value))
+    return digits if len(digits) <= 20 else f"{value:.13e}"
 
 
 def _number(value: float | str, discretisation: Discretisation, point: np.ndarray) -> float:
@@ -217,7 +228,7 @@ def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str
     }
     scene = discretisation.scene
     sizes = []
-    for tag in dict.fromkeys(tag for item in scene.contacts for tag in item.tags):
+    for tag in dict.fromkeys(tag for contact in scene.contacts for tag in contact.tags):
         surface = discretisation.surface(tag)
         sizes.append(float(surface.sizes.mean()) ** (1 / (len(surface.points[0]) - 1)))
         yield f"*SURFACE, NAME={_word(tag)}, TYPE=ELEMENT"
@@ -227,9 +238,9 @@ def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str
             yield f"{number}, S{face}"
     stiffest = max(_number(body.young, discretisation, point) for body in scene.bodies)
     penalty = PENALTY * stiffest / min(sizes)
-    for place, (item, law) in enumerate(zip(scene.contacts, scene.laws, strict=True)):
+    for index, (contact, law) in enumerate(zip(scene.contacts, scene.laws, strict=True)):
         yield from (
-            f"*SURFACE INTERACTION, NAME=CONTACT{place}",
+            f"*SURFACE INTERACTION, NAME=CONTACT{index}",
             "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR",
         )
         yield f"{penalty:.6e}, {1e-6 * stiffest:.6e}"
@@ -237,8 +248,8 @@ def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str
             yield from _in_deck(law).lines(
                 law, lambda value: _number(value, discretisation, point), penalty
             )
-        yield f"*CONTACT PAIR, INTERACTION=CONTACT{place}, TYPE=SURFACE TO SURFACE"
-        yield f"{_word(item.tags[0])}, {_word(item.tags[1])}"
+        yield f"*CONTACT PAIR, INTERACTION=CONTACT{index}, TYPE=SURFACE TO SURFACE"
+        yield f"{_word(contact.tags[0])}, {_word(contact.tags[1])}"
 
 
 def _step(

@@ -13,12 +13,11 @@ import tempfile
 import zipfile
 from importlib import resources
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 from hhr_dolfinx.errors import MissingPackageError, NotOfferedError
 from hhr_dolfinx.files import replacing
-from hhr_dolfinx.plugins.exporters.c_header import box_of, c_header
+from hhr_dolfinx.plugins.exporters.c_header import Tree, box_of, c_header
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 
@@ -63,26 +62,34 @@ def _unit() -> str:
     return (resources.files(__package__) / "fmu.c").read_text(encoding="utf-8")
 
 
-def _check_names(tree: dict[str, Any]) -> None:
+def _check_names(tree: Tree) -> None:
     """Raise NotOfferedError if there is no output, or if names are not valid in FMI."""
     if not tree["outputs"]:
-        why = f": {', '.join(tree['missing'])} are read in Python alone" if tree["missing"] else ""
+        reason = (
+            f": {', '.join(tree['missing'])} are read in Python alone" if tree["missing"] else ""
+        )
         raise NotOfferedError(
-            f"a unit hands out numbers, and this model has no outputs for it{why}. Name some in "
+            f"a unit hands out numbers, and this model has no outputs for it{reason}. Name some in "
             "Scene(..., outputs=...)"
         )
-    names = ["time", *tree["names"], *(item["name"] for item in tree["outputs"])]
+    names = ["time", *tree["names"], *(output["name"] for output in tree["outputs"])]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise NotOfferedError(
             f"variables of a unit have names of their own, and {twice} are there twice: rename them"
         )
-    words = names + [item["unit"] for item in tree["outputs"]]
+    words = names + [output["unit"] for output in tree["outputs"]]
     if odd := [word for word in words if word and not word.isprintable()]:
         raise NotOfferedError(f"names of a unit are printed, and {odd} cannot be: rename them")
 
 
-def description(tree: dict[str, Any], name: str, token: str) -> bytes:
-    """Content of modelDescription.xml."""
+def description(tree: Tree, name: str, token: str) -> bytes:
+    """Content of ``modelDescription.xml``.
+
+    Args:
+        tree: numbers and names of the model.
+        name: name of the model.
+        token: token that identifies the header.
+    """
     lower, upper = (ends.tolist() for ends in box_of(tree))
     root = ElementTree.Element(
         "fmiModelDescription",
@@ -100,7 +107,7 @@ def description(tree: dict[str, Any], name: str, token: str) -> bytes:
         canHandleVariableCommunicationStepSize="true",
         providesDirectionalDerivatives="false" if path else "true",
     )
-    if units := dict.fromkeys(item["unit"] for item in tree["outputs"] if item["unit"]):
+    if units := dict.fromkeys(quantity["unit"] for quantity in tree["outputs"] if quantity["unit"]):
         defined = ElementTree.SubElement(root, "UnitDefinitions")
         for unit in units:
             ElementTree.SubElement(defined, "Unit", name=unit)
@@ -120,7 +127,7 @@ def description(tree: dict[str, Any], name: str, token: str) -> bytes:
         for k in range(len(tree["outputs"])):
             # on a path outputs belong to the last step, and do not depend on the inputs
             ways = range(1, 1 if path and kind == "Output" else first)
-            inputs = " ".join(str(place) for place in ways)
+            inputs = " ".join(str(reference) for reference in ways)
             ElementTree.SubElement(
                 structure, kind, valueReference=str(first + k), dependencies=inputs
             )
@@ -131,16 +138,16 @@ def description(tree: dict[str, Any], name: str, token: str) -> bytes:
 
 
 def _variable(
-    parent: ElementTree.Element, name: str, place: int, causality: str, **words: str
+    parent: ElementTree.Element, name: str, reference: int, causality: str, **words: str
 ) -> None:
     variability = "fixed" if causality == "parameter" else "continuous"
-    own = {
+    attributes = {
         "name": name,
-        "valueReference": str(place),
+        "valueReference": str(reference),
         "causality": causality,
         "variability": variability,
     }
-    ElementTree.SubElement(parent, "Float64", {**own, **words})
+    ElementTree.SubElement(parent, "Float64", {**attributes, **words})
 
 
 def _build_description() -> bytes:

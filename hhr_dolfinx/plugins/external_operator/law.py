@@ -46,14 +46,14 @@ class ExternalOperator(OutsideLaw):
         results: Sequence[str] = ("tangents", "stress", "+cumulated"),
         memory: Mapping[str, int] = NONE,
     ):
-        known = {"increment", "stress", "dt", "young", "poisson", "tangents", *STANDARD_MEMORY}
-        twice = sorted((known & {*memory, *constants}) | ({*memory} & {*constants}))
+        available = {"increment", "stress", "dt", "young", "poisson", "tangents", *STANDARD_MEMORY}
+        twice = sorted((available & {*memory, *constants}) | ({*memory} & {*constants}))
         if not callable(external) or twice:
             raise SceneError(
                 f"{external!r} must be the external_function of an operator, and {twice} of "
                 "memory and constants are names that all such laws have: give others"
             )
-        wrong = {*operands} - known - {*memory} - {*constants} | {*operands} & {"tangents"}
+        wrong = {*operands} - available - {*memory} - {*constants} | {*operands} & {"tangents"}
         wrong |= (
             {name.removeprefix("+") for name in results} ^ {"tangents", "stress", *memory}
         ) - {"cumulated"}
@@ -78,9 +78,13 @@ class ExternalOperator(OutsideLaw):
     def evaluate(
         self, step: LawStep
     ) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray | None]:
-        """See :class:`OutsideLaw`; tangents come with the stress in any case."""
+        """See :class:`OutsideLaw`; tangents come with the stress in any case.
+
+        Raises:
+            SceneError: if the function does not return its results as numbers of their shapes.
+        """
         old = step.old
-        known = {
+        available = {
             **old,
             **step.constants,
             "dt": step.dt,
@@ -88,22 +92,22 @@ class ExternalOperator(OutsideLaw):
             "increment": step.strain - old["strain"],
         }
         arrays = (
-            np.array(known[name]) for name in self.operands
+            np.array(available[name]) for name in self.operands
         )  # copies, as a function may write into them
         cells = [
             array[:, None] if array.ndim else np.full((len(step.strain), 1), array)
             for array in arrays
         ]
-        found = self.external((1,) + (0,) * (len(cells) - 1))(*cells)
+        results = self.external((1,) + (0,) * (len(cells) - 1))(*cells)
         points, strains = step.strain.shape
         sizes = {"tangents": strains * strains, "stress": strains}
         values = {}
         try:
-            for name, value in zip(self.results, found, strict=True):
-                own = name.removeprefix("+")
-                shape = (points, sizes[own]) if own in sizes else old[own].shape
-                values[own] = np.reshape(np.asarray(value, dtype=float), shape) + (
-                    0.0 if own == name else old[own]
+            for name, value in zip(self.results, results, strict=True):
+                variable = name.removeprefix("+")
+                shape = (points, sizes[variable]) if variable in sizes else old[variable].shape
+                values[variable] = np.reshape(np.asarray(value, dtype=float), shape) + (
+                    0.0 if variable == name else old[variable]
                 )
         except (TypeError, ValueError) as error:
             raise SceneError(

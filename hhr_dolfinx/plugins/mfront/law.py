@@ -54,7 +54,11 @@ class MFront(OutsideLaw):
         super().__init__(behaviour, constants, rated, content)
 
     def memory_of(self, strains: int) -> dict[str, int]:
-        """See :class:`OutsideLaw`; SceneError for constants that are missing or unknown."""
+        """See :class:`OutsideLaw`.
+
+        Raises:
+            SceneError: for constants that are missing or unknown.
+        """
         mgis, behaviour = _loaded(self.library, self.name, strains)
         needed, external = (
             [variable.name for variable in kind] for kind in (behaviour.mps, behaviour.esvs)
@@ -89,14 +93,14 @@ class MFront(OutsideLaw):
             memory[name] = np.full(points, values.get(name, start)) - start
             for state, change in ((data.s0, step.old[name]), (data.s1, memory[name])):
                 mgis.setExternalStateVariable(state, name, start + change, local)
-        inside = step.old["internal"].reshape(points, -1)
+        internal = step.old["internal"].reshape(points, -1)
         for state, strain in ((data.s0, step.old["strain"]), (data.s1, step.strain)):
             for name in (variable.name for variable in behaviour.mps):
                 mgis.setMaterialProperty(state, name, np.full(points, values[name]), local)
             state.gradients[:] = strain
             state.thermodynamic_forces[:] = step.old["stress"]
-            if inside.size:  # the bindings have no array without columns
-                state.internal_state_variables[:] = inside
+            if internal.size:  # the bindings have no array without columns
+                state.internal_state_variables[:] = internal
         kinds = "IntegrationWithoutTangentOperator", "IntegrationWithConsistentTangentOperator"
         kind = getattr(mgis.IntegrationType, kinds[step.tangent])
         failed = np.zeros((points, 1), dtype=bool)
@@ -107,7 +111,7 @@ class MFront(OutsideLaw):
                 mgis.integrate(data, kind, step.dt, k, k + 1) < 0 for k in range(points)
             ]
         # copies, as these arrays are memory of the manager
-        memory["internal"] = data.s1.internal_state_variables.copy() if inside.size else inside
+        memory["internal"] = data.s1.internal_state_variables.copy() if internal.size else internal
         return (
             np.where(failed, np.nan, data.s1.thermodynamic_forces),
             memory,
@@ -131,15 +135,15 @@ def _loaded(library: str, name: str, strains: int):
         ) from error
     hypothesis = mgis.Hypothesis.Tridimensional if strains == 6 else mgis.Hypothesis.PlaneStrain
     try:
-        found = mgis.load(library, name, hypothesis)
+        behaviour = mgis.load(library, name, hypothesis)
     except RuntimeError as error:
         raise SceneError(
             f"MGIS cannot load {name} of {library} for {hypothesis}: {error}"
         ) from error
-    sizes = {mgis.getVariableSize(variable, hypothesis) for variable in found.esvs}
-    if found.getBehaviourType() != "StandardStrainBasedBehaviour" or sizes - {1}:
+    sizes = {mgis.getVariableSize(variable, hypothesis) for variable in behaviour.esvs}
+    if behaviour.getBehaviourType() != "StandardStrainBasedBehaviour" or sizes - {1}:
         raise SceneError(
             f"{name} of {library} must be of small strains, with numbers as external state "
             "variables"
         )
-    return mgis, found
+    return mgis, behaviour

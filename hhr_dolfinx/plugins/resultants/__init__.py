@@ -13,4 +13,5 @@ PLUGIN = Plugin(
     public=_OUTPUTS,
     parts={"outputs": _OUTPUTS},
     classes={f"{_HERE}.kinds": "Centre ReactionTerms"},
+    switches={f"{_HERE}.switches": "contact_area"},
 )

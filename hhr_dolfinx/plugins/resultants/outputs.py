@@ -48,8 +48,8 @@ class CentreOfPressure(OfContact):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not is_whole(self.component, 0) or self.component > 2:
-            what = f"output '{self.name}': the component {self.component!r}"
-            raise SceneError(f"{what} must be 0, 1 or 2")
+            message = f"output '{self.name}': the component {self.component!r}"
+            raise SceneError(f"{message} must be 0, 1 or 2")
 
     def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`~hhr_dolfinx.outputs.Output`.
@@ -61,8 +61,8 @@ class CentreOfPressure(OfContact):
             SceneError: for a component that the mesh does not have, or the radius in axisymmetry.
         """
         if self.component >= probe.dimension:
-            what = f"output '{self.name}': the mesh has {probe.dimension} components"
-            raise SceneError(f"{what}, none is {self.component}")
+            message = f"output '{self.name}': the mesh has {probe.dimension} components"
+            raise SceneError(f"{message}, none is {self.component}")
         if probe.scene.hypothesis == "axisymmetric" and self.component == 0:
             raise SceneError(
                 f"output '{self.name}': forces around the whole turn balance across the axis, and "

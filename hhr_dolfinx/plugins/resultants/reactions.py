@@ -60,13 +60,13 @@ class Reaction(NamedOutput):
         super().__post_init__()
         check_place(f"the support of output '{self.name}'", self.tag)
         if self.kind not in KINDS:
-            known = ", ".join(repr(kind) for kind in KINDS)
-            raise SceneError(f"output '{self.name}': the kind {self.kind!r} must be one of {known}")
+            kinds = ", ".join(repr(kind) for kind in KINDS)
+            raise SceneError(f"output '{self.name}': the kind {self.kind!r} must be one of {kinds}")
         needed = {FORCE: "direction", MOMENT: "about", WORK: ""}[self.kind]
         for name in ("direction", "about"):
             if (getattr(self, name) is None) == (name == needed):
-                what = "needs" if name == needed else "takes no"
-                raise SceneError(f"output '{self.name}': a {self.kind} {what} {name}")
+                verb = "needs" if name == needed else "takes no"
+                raise SceneError(f"output '{self.name}': a {self.kind} {verb} {name}")
         if self.axis is not None and self.kind != MOMENT:
             raise SceneError(f"output '{self.name}': an axis is for a moment, leave it out")
 
@@ -97,59 +97,59 @@ def reaction_of(probe: ModelProbe, output: Reaction) -> Functional:
     problem = probe.problem
     dofs = _imposed_dofs(probe, output)
     directions, factors = _directions(probe, output, dofs)
-    parts = problem.stiffness_terms
+    stiffness = problem.stiffness_terms
     prolongation = problem.prolongation
-    rows = [_summed(probe, directions, part) for part in parts]
+    rows = [_summed(probe, directions, block) for block in stiffness]
     # T^T K (u - L θ) + T^T K L θ: the two lifts differ where equations tie dofs
     pulls = [directions @ prolongation.restrict(pull) for pull in problem.pulls]
     pairs = zip(pulls, rows, strict=True)
     lifted = [csr_matrix(pull - row @ problem.lifts) for pull, row in pairs]
     if prolongation.map is None:  # they are the same, up to round-off
-        lifted = [csr_matrix(part.shape) for part in lifted]
+        lifted = [csr_matrix(block.shape) for block in lifted]
     contact = csr_matrix(directions @ prolongation.restrict(csc_matrix(probe.contact_rows.T)))
     external = csr_matrix(directions @ prolongation.restrict(problem.forces))
     conditions = np.unique(contact.indices).astype(np.int64)
-    terms = np.unique(np.concatenate([part.indices for part in (*lifted, external)]))
+    terms = np.unique(np.concatenate([block.indices for block in (*lifted, external)]))
     terms = terms.astype(np.int64)
     weights = contact[:, conditions].toarray()
     of_loads = external[:, terms].toarray()
-    if len(parts) == 1 and not problem.moduli and (factors < 0).all():
+    if len(stiffness) == 1 and not problem.moduli and (factors < 0).all():
         numbers = (lifted[0][:, terms].toarray() - of_loads)[0]
-        how = {"row": csr_matrix(rows[0]), "terms": terms, "coefficients": numbers}
-        return Linear.of(output.name, output.unit, conditions, weights[0], **how)
+        options = {"row": csr_matrix(rows[0]), "terms": terms, "coefficients": numbers}
+        return Linear.of(output.name, output.unit, conditions, weights[0], **options)
     count = len(factors)
-    order = np.arange(len(parts) * count).reshape(len(parts), count).T.ravel()
+    order = np.arange(len(stiffness) * count).reshape(len(stiffness), count).T.ravel()
     matrix = csr_matrix(vstack(rows))[order].tocoo()
-    of_lifts = vstack([part[:, terms] for part in lifted]).toarray()[order]
-    moduli = tuple(f"({item.factor}) * ({item.rest})" for item in problem.moduli) or ("1",)
+    of_lifts = vstack([block[:, terms] for block in lifted]).toarray()[order]
+    moduli = tuple(f"({modulus.factor}) * ({modulus.rest})" for modulus in problem.moduli) or ("1",)
     indices = matrix.row.astype(np.int64), matrix.col.astype(np.int64)
-    own = matrix.shape[0], *indices, matrix.data
+    entries = matrix.shape[0], *indices, matrix.data
     names = problem.parameters.names
     arrays = conditions, weights, factors, terms, of_lifts, of_loads
-    return ReactionTerms(output.name, output.unit, *own, names, moduli, *arrays)
+    return ReactionTerms(output.name, output.unit, *entries, names, moduli, *arrays)
 
 
 def _check(probe: ModelProbe, output: Reaction) -> None:
     """Refuse scenes in which K u is not all of the inner forces, or K is another one elsewhere."""
     scene = probe.scene
-    what = f"output '{output.name}': a reaction is K u - F + B^T λ on imposed dofs"
+    message = f"output '{output.name}': a reaction is K u - F + B^T λ on imposed dofs"
     if probe.laws is not None:
         raise SceneError(
-            f"{what}, and the inner forces of bodies with laws are ∫ B^T σ of a path. Take the "
+            f"{message}, and the inner forces of bodies with laws are ∫ B^T σ of a path. Take the "
             "ContactForce of the contact that bears the load, or leave it out"
         )
     if scene.shapes:
         raise SceneError(
-            f"{what}, and its rows of K change with the shapes of scene '{scene.name}', which is "
-            "not built in: take the ContactForce that bears the load, or leave it out"
+            f"{message}, and its rows of K change with the shapes of scene '{scene.name}', which "
+            "is not built in: take the ContactForce that bears the load, or leave it out"
         )
     if scene.system is not None:
-        raise SceneError(f"{what}, and K of a user-defined system is not that of the bodies")
-    known = list(dict.fromkeys(str(item.tag) for item in scene.displacements))
-    if output.tag not in [item.tag for item in scene.displacements]:
+        raise SceneError(f"{message}, and K of a user-defined system is not that of the bodies")
+    tags = list(dict.fromkeys(str(displacement.tag) for displacement in scene.displacements))
+    if output.tag not in [displacement.tag for displacement in scene.displacements]:
         raise SceneError(
             f"output '{output.name}': no displacement is imposed on {output.tag!r}: name one of "
-            f"{', '.join(known) or 'none'}"
+            f"{', '.join(tags) or 'none'}"
         )
 
 
@@ -158,9 +158,9 @@ def _imposed_dofs(probe: ModelProbe, output: Reaction) -> np.ndarray:
     space = probe.discretisation
     taken = np.zeros(probe.problem.free.size, dtype=bool)
     chosen = []
-    for item in probe.scene.displacements:
-        dofs = space._tagged_dofs(item.tag, item.component)
-        if item.tag == output.tag:
+    for displacement in probe.scene.displacements:
+        dofs = space._tagged_dofs(displacement.tag, displacement.component)
+        if displacement.tag == output.tag:
             chosen.append(dofs[~taken[dofs]])
         taken[dofs] = True
     dofs = np.unique(np.concatenate(chosen))
@@ -190,8 +190,10 @@ def _directions(
                 f"output '{output.name}': no motion is imposed on {output.tag!r}, so that its "
                 "reaction does no work: name a driven surface"
             )
-        places = csr_matrix((np.ones(dofs.size), (dofs, np.arange(dofs.size))), (size, dofs.size))
-        return csr_matrix((places @ lifts[:, terms]).T), terms.astype(np.int64)
+        selection = csr_matrix(
+            (np.ones(dofs.size), (dofs, np.arange(dofs.size))), (size, dofs.size)
+        )
+        return csr_matrix((selection @ lifts[:, terms]).T), terms.astype(np.int64)
     if output.kind == "force":
         along = unit_vector(output, "direction", dim)[dofs % dim]
     else:

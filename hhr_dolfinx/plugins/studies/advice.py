@@ -51,11 +51,11 @@ def advice_exact(report: Report) -> Advice:
             "Use the hyper-reduced model where few queries need the displacement field, or memory "
             "is short.",
         )
-    why = (
+    text = (
         f"Use the hyper-reduced model: {figures}. "
         "Use exact condensation where no error can be afforded."
     )
-    return Advice("hhr", why)
+    return Advice("hhr", text)
 
 
 def advice_alone(report: Report) -> Advice:
@@ -78,7 +78,7 @@ def advice_condensed(report: Report) -> Advice:
     times = report["times"]
     error = report["errors"]["dual_full_floored"]
     reduced, best = (times[name]["median"] for name in ("online_forces", "fom_best"))
-    (why,) = [item["why"] for item in report["skipped"] if item["stage"] == "hyper-reduction"]
+    (reason,) = [entry["why"] for entry in report["skipped"] if entry["stage"] == "hyper-reduction"]
     pays = report["break_even"]["forces"]
     after = "never pays" if pays is None else f"pays after {pays:.0f} queries"
     return Advice(
@@ -86,7 +86,7 @@ def advice_condensed(report: Report) -> Advice:
         f"Use {'condensation' if reduced < best else 'the full order'}: "
         f"forces take {in_words(reduced)} by the condensed model, which {after}, and "
         f"{in_words(best)} by the best full order (force errors {percent(error['median'])} median, "
-        f"{percent(error['max'])} at most). Without hyper-reduction: {why}.",
+        f"{percent(error['max'])} at most). Without hyper-reduction: {reason}.",
     )
 
 
@@ -114,10 +114,12 @@ def advice_varying(report: Report) -> Advice:
             f"{row['dual_full_floored_max']:.1e} at most, and {paid}"
         )
 
-    favoured, *others = by_favour({name: rows[name] for name in names if name in rows}, seconds)
+    favoured, *alternatives = by_favour(
+        {name: rows[name] for name in names if name in rows}, seconds
+    )
     sentence = f"Use {names[favoured]}: {figures(favoured)}."
-    for other in others:
-        sentence += f" {names[other].capitalize()}: {figures(other)}."
+    for alternative in alternatives:
+        sentence += f" {names[alternative].capitalize()}: {figures(alternative)}."
     sentence += (
         " The hyper-reduced model is for contact conditions by the thousand, and where operators "
         "do not interpolate."
@@ -136,12 +138,21 @@ def by_favour(rows: dict[str, Report], seconds: dict[str, float]) -> list[str]:
 
     These are within a factor of three of the fastest. One that left a query without an answer has
     an infinite error, and comes after those that did not.
+
+    Args:
+        rows: rows of the work-precision table by method.
+        seconds: median time of a query by method.
+
+    Returns:
+        Names of all methods, the favoured one first.
     """
     sure = [
         method for method in rows if math.isfinite(rows[method]["dual_full_floored_max"])
     ] or list(rows)
     close = [
-        method for method in sure if seconds[method] <= 3 * min(seconds[other] for other in sure)
+        method
+        for method in sure
+        if seconds[method] <= 3 * min(seconds[candidate] for candidate in sure)
     ]
     # round-off errors count as equal, and then the fastest comes first
     favoured = min(

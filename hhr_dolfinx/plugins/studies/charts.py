@@ -65,10 +65,10 @@ class _Axis:
         self.end = end
 
     def __call__(self, value: float) -> float:
-        part = (math.log10(min(max(value, LEAST_DRAWN), MOST_DRAWN)) - self.low) / (
+        share = (math.log10(min(max(value, LEAST_DRAWN), MOST_DRAWN)) - self.low) / (
             self.high - self.low
         )
-        return self.begin + part * (self.end - self.begin)
+        return self.begin + share * (self.end - self.begin)
 
 
 def _frame(across: str, up: str, content: Sequence[str], title: str) -> str:
@@ -89,32 +89,40 @@ def _text(x: float, y: float, anchor: str, content: object) -> str:
 
 def _ticks(axis: _Axis, up: bool = False) -> list[str]:
     """Lines and numbers at the powers of ten."""
-    parts = []
+    elements = []
     for k in range(axis.low, axis.high + 1, max(1, math.ceil((axis.high - axis.low) / 9))):
-        place = axis(10.0**k)
+        position = axis(10.0**k)
         power = f'10<tspan dy="-5" font-size="9">{k}</tspan>'
-        line = f"M{LEFT_MARGIN} {place:.1f}H{END}" if up else f"M{place:.1f} {TOP}V{FLOOR}"
+        line = f"M{LEFT_MARGIN} {position:.1f}H{END}" if up else f"M{position:.1f} {TOP}V{FLOOR}"
         number = (
-            _text(LEFT_MARGIN - 6, place + 4, "end", power)
+            _text(LEFT_MARGIN - 6, position + 4, "end", power)
             if up
-            else _text(place, FLOOR + 17, "middle", power)
+            else _text(position, FLOOR + 17, "middle", power)
         )
-        parts.append(f'<path class="grid" d="{line}"/>{number}')
-    return parts
+        elements.append(f'<path class="grid" d="{line}"/>{number}')
+    return elements
 
 
 def front(marks: Sequence[Mark]) -> list[Mark]:
     """Marks that no other one beats in time and in error, from the fastest on."""
-    found: list[Mark] = []
+    best: list[Mark] = []
     for mark in sorted(marks, key=lambda mark: (mark.seconds, mark.error)):
-        if not found or mark.error < found[-1].error:
-            found.append(mark)
-    return found
+        if not best or mark.error < best[-1].error:
+            best.append(mark)
+    return best
 
 
 def work_precision(marks: Sequence[Mark], error: str) -> str:
-    """Errors over seconds of a query, a tail up to the largest with a tick at 95 %, and the Pareto
-    front.
+    """Chart of errors over seconds of a query, with the Pareto front.
+
+    A tail goes from the median to the largest error, with a tick at 95 %.
+
+    Args:
+        marks: one mark for each method and setting.
+        error: name of the error.
+
+    Returns:
+        An SVG element, empty without finite errors.
     """
     marks = [mark for mark in marks if math.isfinite(mark.error) and 0 < mark.seconds < math.inf]
     if not marks:
@@ -123,7 +131,7 @@ def work_precision(marks: Sequence[Mark], error: str) -> str:
     up = _Axis([value for mark in marks for value in (mark.error, *mark.tail)], FLOOR, TOP)
     best = front(marks)
     line = "L".join(f"{across(mark.seconds):.1f} {up(mark.error):.1f}" for mark in best)
-    parts = [*_ticks(across), *_ticks(up, up=True), f'<path class="front" d="M{line}"/>']
+    elements = [*_ticks(across), *_ticks(up, up=True), f'<path class="front" d="M{line}"/>']
     labels: list[float] = []
     for mark in sorted(marks, key=lambda mark: up(mark.error)):
         x = across(mark.seconds)
@@ -133,36 +141,48 @@ def work_precision(marks: Sequence[Mark], error: str) -> str:
             f"{mark.name}: {mark.seconds:.3g} s, {error} {mark.error:.2g} median, {tick:.2g} at "
             f"95 %, {end:.2g} at most"
         )
-        parts.append(
+        elements.append(
             f"<g><title>{escape(label)}</title>"
             f'<path class="tail" d="M{x:.1f} {y:.1f}V{up(end):.1f}"/>'
             f'<path class="tick" d="M{x - 4:.1f} {up(tick):.1f}h8"/>'
         )
-        parts.append(
+        elements.append(
             f'<circle class="{"own" if mark.own else "mark"}" cx="{x:.1f}" cy="{y:.1f}" r="5"/></g>'
         )
         if mark in best or mark.own:
-            parts.append(_label(mark.name, x, y, labels))
+            elements.append(_label(mark.name, x, y, labels))
     return _frame(
-        "seconds of a query", error, parts, f"{error} over seconds of a query, method by method"
+        "seconds of a query", error, elements, f"{error} over seconds of a query, method by method"
     )
 
 
 def _label(name: str, x: float, y: float, used: list[float]) -> str:
     """The name of a mark next to it, below earlier names."""
-    place = y + 4
-    while any(abs(place - other) < 13 for other in used):
-        place += 13
-    used.append(place)
+    level = y + 4
+    while any(abs(level - earlier) < 13 for earlier in used):
+        level += 13
+    used.append(level)
     return (
-        _text(x - 9, place, "end", escape(name))
+        _text(x - 9, level, "end", escape(name))
         if x > CHART_WIDTH - 150
-        else _text(x + 9, place, "start", escape(name))
+        else _text(x + 9, level, "start", escape(name))
     )
 
 
 def histogram(errors: Sequence[float], bounds: Sequence[float], error: str, bound: str) -> str:
-    """Numbers of answers over errors, as bars, and over bounds, as a line of steps; logarithmic."""
+    """Chart of the numbers of answers over errors, as bars; logarithmic.
+
+    A line of steps has the numbers over bounds.
+
+    Args:
+        errors: error of each answer.
+        bounds: bound or estimate of each answer; empty without.
+        error: name of the error.
+        bound: name of the bound.
+
+    Returns:
+        An SVG element, empty without finite errors.
+    """
     errors = [value for value in errors if math.isfinite(value)]
     bounds = [value for value in bounds if math.isfinite(value)]
     if not errors:
@@ -173,8 +193,8 @@ def histogram(errors: Sequence[float], bounds: Sequence[float], error: str, boun
     most = max(*counts, *limits)
     size = (FLOOR - TOP) / most
     step = (END - LEFT_MARGIN) / BINS
-    parts = _ticks(across)
-    parts += [
+    elements = _ticks(across)
+    elements += [
         _text(LEFT_MARGIN - 6, FLOOR - count * size + 4, "end", count)
         for count in range(0, most + 1, max(1, math.ceil(most / 5)))
     ]
@@ -183,23 +203,23 @@ def histogram(errors: Sequence[float], bounds: Sequence[float], error: str, boun
         top = FLOOR - count * size
         box = f'x="{left:.1f}" y="{top:.1f}" width="{step - 2:.1f}"'
         label = f"<title>{count} answers</title>"
-        parts.append(
+        elements.append(
             f'<rect class="bar" {box} height="{count * size:.1f}">{label}</rect>' if count else ""
         )
     if bounds:
         steps = "".join(f"V{FLOOR - count * size:.1f}h{step:.2f}" for count in limits)
-        parts.append(
+        elements.append(
             f'<path class="limit" d="M{LEFT_MARGIN} {FLOOR}{steps}V{FLOOR}">'
             f"<title>{escape(bound)}</title></path>"
         )
-    return _frame(error, "answers", parts, f"how many answers have which {error}")
+    return _frame(error, "answers", elements, f"how many answers have which {error}")
 
 
 def _counted(values: Sequence[float], axis: _Axis) -> list[int]:
-    found: list[int] = np.histogram(
+    counts: list[int] = np.histogram(
         [axis(value) for value in values], BINS, (axis.begin, axis.end)
     )[0].tolist()
-    return found
+    return counts
 
 
 def map_of(
@@ -208,36 +228,48 @@ def map_of(
     names: tuple[str, str],
     box: Sequence[tuple[float, float]],
 ) -> str:
-    """Errors of answers over two parameters: the darker and larger a point, the larger its
-    error.
+    """Chart of errors of answers over two parameters.
+
+    The darker and larger a point, the larger its error.
+
+    Args:
+        points: values of both parameters for each answer, (n, 2).
+        errors: error of each answer.
+        names: names of the parameters.
+        box: lower and upper end of both parameters.
+
+    Returns:
+        An SVG element, empty without finite errors.
     """
-    known = [
+    finite = [
         (x, y, error)
         for (x, y), error in zip(points, errors, strict=True)
         if math.isfinite(x + y + error)
     ]
-    if not known:
+    if not finite:
         return ""
-    ends = [math.log10(max(pick(error for *_, error in known), LEAST_DRAWN)) for pick in (min, max)]
+    ends = [
+        math.log10(max(pick(error for *_, error in finite), LEAST_DRAWN)) for pick in (min, max)
+    ]
     (left, right), (low, high) = box
-    parts: list[str] = []
-    for x, y, error in sorted(known, key=lambda item: item[2]):
-        part = (math.log10(max(error, LEAST_DRAWN)) - ends[0]) / max(ends[1] - ends[0], 1e-9)
+    elements: list[str] = []
+    for x, y, error in sorted(finite, key=lambda item: item[2]):
+        share = (math.log10(max(error, LEAST_DRAWN)) - ends[0]) / max(ends[1] - ends[0], 1e-9)
         across = LEFT_MARGIN + (x - left) / (right - left) * (END - LEFT_MARGIN)
         up = FLOOR - (y - low) / (high - low) * (FLOOR - TOP)
         label = (
             f"<title>{escape(names[0])} = {x:.4g}, {escape(names[1])} = {y:.4g}: "
             f"{error:.2g}</title>"
         )
-        shade = min(SHADES - 1, int(part * SHADES))
-        parts.append(
+        shade = min(SHADES - 1, int(share * SHADES))
+        elements.append(
             f'<circle class="shade{shade}" cx="{across:.1f}" cy="{up:.1f}" '
-            f'r="{2.5 + 3 * part:.1f}">{label}</circle>'
+            f'r="{2.5 + 3 * share:.1f}">{label}</circle>'
         )
-    parts += [
+    elements += [
         _text(LEFT_MARGIN, FLOOR + 17, "middle", f"{left:.4g}"),
         _text(END, FLOOR + 17, "end", f"{right:.4g}"),
         _text(LEFT_MARGIN - 6, FLOOR, "end", f"{low:.4g}"),
         _text(LEFT_MARGIN - 6, TOP + 8, "end", f"{high:.4g}"),
     ]
-    return _frame(*names, parts, f"errors over {names[0]} and {names[1]}")
+    return _frame(*names, elements, f"errors over {names[0]} and {names[1]}")

@@ -48,26 +48,28 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     from hhr_dolfinx.plugins.studies.study import study_scene
 
     console, progress = spoken()
-    made = scene_of(scene)
+    loaded = scene_of(scene)
     settings = settings_of(scene)
     view = value_of(beside(scene, "VIEW"), scene, "VIEW", View)
     for point in () if view is None else view.points:
-        made.parameters.point(point)  # refuses it before anything is solved
-    given = training_of(how, settings)
-    settings = replace(settings or StudySettings(given), training=given, seed=seed, queries=queries)
-    if not any(body.law is not None for body in made.bodies):
+        loaded.parameters.point(point)  # refuses it before anything is solved
+    training = training_of(how, settings)
+    settings = replace(
+        settings or StudySettings(training), training=training, seed=seed, queries=queries
+    )
+    if not any(body.law is not None for body in loaded.bodies):
         settings = replace(settings, tests=tests)
-    folder = out or Path("out") / made.name
-    found = study_scene(made, settings, folder, progress=progress)
-    if found is None:
+    folder = out or Path("out") / loaded.name
+    result = study_scene(loaded, settings, folder, progress=progress)
+    if result is None:
         return
     middle = tuple(
         (low + high) / 2
-        for low, high in zip(made.parameters.lower, made.parameters.upper, strict=True)
+        for low, high in zip(loaded.parameters.lower, loaded.parameters.upper, strict=True)
     )
-    found.write(folder, console, view or View(points=(middle,)))
+    result.write(folder, console, view or View(points=(middle,)))
     console.print(
-        f"errors of its answers: {found.model.known_error}", highlight=False, markup=False
+        f"errors of its answers: {result.model.known_error}", highlight=False, markup=False
     )
 
 

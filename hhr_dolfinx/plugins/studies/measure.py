@@ -23,6 +23,7 @@ from hhr_dolfinx.certify.accuracy import (
 )
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, OutsideTrainingWarning
+from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import Model
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.snapshots.records import Lost, Progress, SnapshotSet, compute_snapshots
@@ -127,11 +128,22 @@ def answer_errors(
     floor: float,
     inside: np.ndarray | None = None,
 ) -> dict[str, float]:
-    """Relative errors of displacement and forces against exact ones, with θ of their point.
+    """Relative errors of displacement and forces against exact ones.
 
     ``*_floored`` divides by at least ``floor``, since a relative error is not meaningful near
     grazing contact. ``dual_full`` covers the whole contact surface, ``dual_rid`` the conditions
     ``inside`` the RID.
+
+    Args:
+        problem: contact problem at the point.
+        answer: displacement, (N,), and forces, (N_lambda,).
+        exact: those of the full model.
+        theta: amplitudes θ of the load terms at the point.
+        floor: least denominator of relative errors of forces.
+        inside: conditions inside the RID; None without a RID.
+
+    Returns:
+        Errors by name.
     """
     size = max(problem.doubled_energy(exact[0] - problem.lifts @ theta, theta), 0.0) ** 0.5
     errors = {
@@ -139,10 +151,10 @@ def answer_errors(
         "primal_energy": of_size(norm(answer[0] - exact[0], problem.stiffness), size),
         "primal_euclid": relative_error(answer[0], exact[0]),
     }
-    parts: Report = {} if inside is None else {"dual_rid": inside}
-    for name, part in (parts | {"dual_full": slice(None)}).items():
-        errors[name] = relative_error(answer[1][part], exact[1][part])
-        errors[f"{name}_floored"] = relative_error(answer[1][part], exact[1][part], floor=floor)
+    subsets: Report = {} if inside is None else {"dual_rid": inside}
+    for name, rows in (subsets | {"dual_full": slice(None)}).items():
+        errors[name] = relative_error(answer[1][rows], exact[1][rows])
+        errors[f"{name}_floored"] = relative_error(answer[1][rows], exact[1][rows], floor=floor)
     return errors
 
 
@@ -159,11 +171,21 @@ class References:
 
     @classmethod
     def at(
-        cls, points: np.ndarray, full_order: Any, training: SnapshotSet, progress: Progress = iter
+        cls,
+        points: np.ndarray,
+        full_order: FullOrderModel,
+        training: SnapshotSet,
+        progress: Progress = iter,
     ) -> References:
         """Solve the full model at test points, (n, P); the floor is that of its training solutions.
 
         Points without an answer are left out, with a warning.
+
+        Args:
+            points: test points, (n, P).
+            full_order: the full model.
+            training: training solutions.
+            progress: wraps an iterable for a progress bar.
         """
         lost = Lost()
         solutions = compute_snapshots(full_order, points, progress, lost=lost)
@@ -179,31 +201,31 @@ class References:
         solutions = self.solutions
         problem = self.problem
         false_contact = 0
-        inside = conditions_inside(model)
+        conditions = conditions_inside(model)
         for point, homogeneous, forces in zip(
             solutions.points, solutions.displacements.T, solutions.forces.T, strict=True
         ):
             try:
                 # a study leaves the training range on purpose and reports the result
                 with ignored(OutsideTrainingWarning):
-                    found = model.solve(point)
-                    answer = found.displacement(), found.forces()
+                    solution = model.solve(point)
+                    answer = solution.displacement(), solution.forces()
             except (ConvergenceError, NotSolvableError):
                 rows.append(None)
                 continue
             theta = problem.theta(point)
             exact = homogeneous + problem.lifts @ theta, forces
-            there = problem.at(point)
-            energies = [energy_minimum(there, field, theta) for field in (answer[0], exact[0])]
+            problem_at = problem.at(point)
+            energies = [energy_minimum(problem_at, field, theta) for field in (answer[0], exact[0])]
             # each local model has a different RID
             row = answer_errors(
-                there, answer, exact, theta, self.floor, conditions_inside(found.fields)
+                problem_at, answer, exact, theta, self.floor, conditions_inside(solution.fields)
             )
             rows.append({**row, "energy_minimum": abs(energies[0] - energies[1])})
-            residuals.append(asdict(contact_residuals(there, *answer, theta)))
+            residuals.append(asdict(contact_residuals(problem_at, *answer, theta)))
             false_contact += bool(((answer[1] > self.floor) & (forces == 0)).any())
         answered = np.array([row is not None for row in rows])
-        norms = ("dual_full",) if inside is None else ("dual_rid", "dual_full")
+        norms = ("dual_full",) if conditions is None else ("dual_rid", "dual_full")
         names = ["primal_l2", "primal_energy", "primal_euclid", "energy_minimum"]
         names += [name for norm in norms for name in (norm, f"{norm}_floored")]
         values = {

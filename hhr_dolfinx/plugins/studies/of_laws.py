@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from hhr_dolfinx.models.answer import Path as HistoryPath
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.plugins.studies.advice import Advice
 from hhr_dolfinx.plugins.studies.measure import Measurement, Report
-from hhr_dolfinx.plugins.studies.settings import View
+from hhr_dolfinx.plugins.studies.settings import StudySettings, View
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.study.training.train import Progress, Training
 
@@ -23,18 +23,23 @@ from hhr_dolfinx.study.training.train import Progress, Training
 class StudiedLaws(Protocol):
     """Study of a scene whose bodies have laws."""
 
-    def check(self, settings: object) -> None:
+    def check(self, settings: StudySettings) -> None:
         """Raise StudyError for a ``correction`` of the settings that is invalid."""
 
     def measure(
         self,
         training: Training,
-        settings: object,
-        tests: Mapping[Any, HistoryPath],
+        settings: StudySettings,
+        tests: Mapping[Hashable, HistoryPath],
         progress: Progress,
     ) -> tuple[KeptModel, Measurement]:
-        """The model under study, and errors and times of small models along test paths, by
-        label.
+        """Model under study, and errors and times of small models along test paths.
+
+        Args:
+            training: training of the scene.
+            settings: settings of the study.
+            tests: test paths by label.
+            progress: makes progress bars.
         """
 
     def advice(self, report: Report) -> Advice:
@@ -43,13 +48,25 @@ class StudiedLaws(Protocol):
     def fields(
         self, full: FullOrderModel, answers: dict[str, Answer], view: View
     ) -> dict[str, dict[str, np.ndarray]]:
-        """Fields of the cells to draw, by their names and those of the answers."""
+        """Fields of the cells to draw, by their names and those of the answers.
+
+        Args:
+            full: the full model.
+            answers: answers by the name of their model.
+            view: view of the study.
+        """
 
     def cells(self, model: KeptModel) -> np.ndarray:
         """Cells in which a model evaluates its laws or integrates."""
 
     def draw(self, histories: dict[str, History], contacts: np.ndarray, folder: Path) -> None:
-        """Draw histories over time, by method; ``contacts`` are the pairs of conditions."""
+        """Draw histories over time.
+
+        Args:
+            histories: histories by method.
+            contacts: index of the contact of each condition.
+            folder: folder of the pictures.
+        """
 
 
 def study_of(scene: Scene) -> StudiedLaws | None:
@@ -58,5 +75,5 @@ def study_of(scene: Scene) -> StudiedLaws | None:
     """
     if not scene.reader:
         return None
-    found: StudiedLaws = registry.facet(scene.reader, "study", f"a study of scene '{scene.name}'")
-    return found
+    facet: StudiedLaws = registry.facet(scene.reader, "study", f"a study of scene '{scene.name}'")
+    return facet

@@ -18,6 +18,8 @@ from hhr_dolfinx.files import replacing
 from hhr_dolfinx.plugins.studies import charts
 from hhr_dolfinx.plugins.studies.advice import in_words
 
+JsonObject = Mapping[str, Any]
+"""Report, or a part of it with names, as ``report.json`` has it."""
 LONG_CELL = 18
 """Length of the text of a cell above which it may break into several lines."""
 MAPPED_PARAMETERS = 3
@@ -119,7 +121,7 @@ def write_page(folder: str | Path) -> Path:
     return path
 
 
-def page_of(report: Mapping[str, Any], folder: Path) -> str:
+def page_of(report: JsonObject, folder: Path) -> str:
     """The page of a report and the pictures in a folder; missing parts of the report are left
     out.
     """
@@ -127,15 +129,15 @@ def page_of(report: Mapping[str, Any], folder: Path) -> str:
     sizes = _mapping(report.get("sizes"))
     environment = {**_mapping(report.get("machine")), **_mapping(report.get("versions"))}
     left_out = [
-        [_text(item.get(key)) for key in ("stage", "why")]
-        for item in _mappings(report.get("skipped"))
+        [_text(entry.get(key)) for key in ("stage", "why")]
+        for entry in _mappings(report.get("skipped"))
     ]
     environment |= {name: report[name] for name in ("seed", "date") if name in report}
-    parts = [
+    sections = [
         f"<h1>{name}</h1>",
         _note(
-            f"{_text(sizes[key])} {what}"
-            for key, what in SIZES.items()
+            f"{_text(sizes[key])} {label}"
+            for key, label in SIZES.items()
             if sizes.get(key) is not None
         ),
         f'<p class="advice">{escape(str(report["advice"]))}</p>' if report.get("advice") else "",
@@ -158,7 +160,7 @@ def page_of(report: Mapping[str, Any], folder: Path) -> str:
         _note(f"{name} {_text(value)}" for name, value in environment.items()),
     ]
     style = (resources.files(__package__) / "report.css").read_text(encoding="utf-8")
-    body = "\n".join(part for part in parts if part)
+    body = "\n".join(section for section in sections if section)
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">{POLICY}'
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{name}</title>'
@@ -166,12 +168,12 @@ def page_of(report: Mapping[str, Any], folder: Path) -> str:
     )
 
 
-def _mapping(value: object) -> Mapping[str, Any]:
+def _mapping(value: object) -> JsonObject:
     """A part of a report that is a table by name; empty if it is missing or no table."""
     return value if isinstance(value, Mapping) else {}
 
 
-def _mappings(value: object) -> list[Mapping[str, Any]]:
+def _mappings(value: object) -> list[JsonObject]:
     return [row for row in value if isinstance(row, Mapping)] if isinstance(value, list) else []
 
 
@@ -227,9 +229,9 @@ def _text(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, list):
-        return ", ".join(_text(item) for item in value)
+        return ", ".join(_text(entry) for entry in value)
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_text(item)}" for name, item in value.items())
+        return ", ".join(f"{name} {_text(entry)}" for name, entry in value.items())
     return str(value)
 
 
@@ -242,14 +244,14 @@ def _note(texts: Iterable[str]) -> str:
     return f'<p class="small">{escape(listed)}</p>' if listed else ""
 
 
-def _asked(report: Mapping[str, Any]) -> str:
+def _asked(report: JsonObject) -> str:
     box = [
         [_named(row), *(_text(row.get(name)) for name in ("from", "to"))]
         for row in _mappings(report.get("parameters"))
     ]
-    given = _mappings(report.get("materials"))
-    names = list(dict.fromkeys(name for row in given for name in row))
-    materials = [[_text(row.get(name, "")) for name in names] for row in given]
+    material_rows = _mappings(report.get("materials"))
+    names = list(dict.fromkeys(name for row in material_rows for name in row))
+    materials = [[_text(row.get(name, "")) for name in names] for row in material_rows]
     units = _mapping(report.get("units"))
     return _section(
         "What was asked",
@@ -259,7 +261,7 @@ def _asked(report: Mapping[str, Any]) -> str:
     )
 
 
-def _named(row: Mapping[str, Any]) -> str:
+def _named(row: JsonObject) -> str:
     unit = row.get("unit")
     return _text(row.get("name")) + (f" [{_text(unit)}]" if unit else "")
 
@@ -278,7 +280,7 @@ METHOD_HEAD = (
 )
 
 
-def error_rows(errors: Mapping[str, Any]) -> dict[str, list[str]]:
+def error_rows(errors: JsonObject) -> dict[str, list[str]]:
     """Cells of the ``errors`` of a report by key, below :data:`ERROR_HEAD`."""
     return {
         key: [
@@ -290,7 +292,7 @@ def error_rows(errors: Mapping[str, Any]) -> dict[str, list[str]]:
     }
 
 
-def time_rows(times: Mapping[str, Any]) -> list[list[str]]:
+def time_rows(times: JsonObject) -> list[list[str]]:
     """Cells of the ``times`` of a report, below :data:`TIME_HEAD`."""
     base: Any = _mapping(times.get("online") or times.get("condensed")).get("median")
     rows = []
@@ -308,17 +310,17 @@ def time_rows(times: Mapping[str, Any]) -> list[list[str]]:
     return rows
 
 
-def output_rows(outputs: Mapping[str, Any]) -> list[list[str]]:
+def output_rows(outputs: JsonObject) -> list[list[str]]:
     """Cells of the ``outputs`` of a report, below :data:`OUTPUT_HEAD`."""
     rows = []
-    for name, item in outputs.items():
-        figures = _mapping(item)
+    for name, entry in outputs.items():
+        figures = _mapping(entry)
         errors = [_percent(figures.get(key)) for key in ("median", "p95", "max")]
         rows.append([_named({**figures, "name": name}), _text(figures.get("largest")), *errors])
     return rows
 
 
-def method_rows(methods: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+def method_rows(methods: Sequence[JsonObject]) -> list[list[str]]:
     """Cells of the ``work_precision`` of a report, below :data:`METHOD_HEAD`."""
     rows = []
     for row in methods:
@@ -336,10 +338,10 @@ def method_rows(methods: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     return rows
 
 
-def _errors(errors: Mapping[str, Any], mesh: Mapping[str, Any]) -> str:
+def _errors(errors: JsonObject, mesh: JsonObject) -> str:
     rows = error_rows(errors)
     main = [row for key, row in rows.items() if key in MAIN_ERRORS] or list(rows.values())
-    rest = [row for row in rows.values() if row not in main]
+    remaining = [row for row in rows.values() if row not in main]
     note = (
         "<p class='small'>Relative to the full order, at parameters that no model was trained "
         "on.</p>"
@@ -350,15 +352,15 @@ def _errors(errors: Mapping[str, Any], mesh: Mapping[str, Any]) -> str:
         f"energy, its peak pressure by {_percent(mesh.get('peak_pressure'))}, as estimated at one "
         "answer. All models here share it.</p>"
     )
-    parts = [
+    blocks = [
         table and table + note,
-        _folded("in other norms", _table(ERROR_HEAD, rest)),
+        _folded("in other norms", _table(ERROR_HEAD, remaining)),
         caption if mesh else "",
     ]
-    return _section("How large are the errors?", *parts)
+    return _section("How large are the errors?", *blocks)
 
 
-def _times(times: Mapping[str, Any]) -> str:
+def _times(times: JsonObject) -> str:
     stages = [value for value in _mapping(times.get("offline")).values() if _is_number(value)]
     cost = (
         f"<p>Before the first answer: {escape(_seconds(sum(stages)))} of training and building.</p>"
@@ -367,12 +369,14 @@ def _times(times: Mapping[str, Any]) -> str:
     return _section("How long does an answer take?", table, cost if stages else "")
 
 
-def _break_even(even: Mapping[str, Any]) -> str:
-    counts = [f"{count:.0f} queries ({what})" for what, count in even.items() if _is_number(count)]
+def _break_even(even: JsonObject) -> str:
+    counts = [
+        f"{count:.0f} queries ({product})" for product, count in even.items() if _is_number(count)
+    ]
     return f"<p>It pays after {escape(', '.join(counts))}.</p>" if counts else ""
 
 
-def _charts(report: Mapping[str, Any]) -> str:
+def _charts(report: JsonObject) -> str:
     """Errors over times of all methods.
 
     For elastic scenes distributions of errors and bounds, and their position.
@@ -382,7 +386,7 @@ def _charts(report: Mapping[str, Any]) -> str:
         "its tail, none is above the end. Nothing beats what lies on the dashed line in both."
     )
     rows = _mappings(report.get("work_precision"))
-    found = [
+    captioned = [
         (
             charts.work_precision(_marks(rows, key), f"error of {name}"),
             f"Error of the {name}{caption}",
@@ -401,26 +405,26 @@ def _charts(report: Mapping[str, Any]) -> str:
         if bounds
         else ""
     )
-    found.append(
+    captioned.append(
         (
             charts.histogram(errors, bounds, "error of contact forces", f"{kind} of each answer"),
             caption,
         )
     )
-    found += [
+    captioned += [
         (chart, "Where errors are large: the redder and larger a point, the larger.")
         for chart in _maps(report, errors)
     ]
     figures = (
         f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>"
-        for svg, caption in found
+        for svg, caption in captioned
         if svg
     )
     body = "".join(figures)
     return f'<section class="charts">{body}</section>' if body else ""
 
 
-def _marks(rows: Sequence[Mapping[str, Any]], key: str) -> list[charts.Mark]:
+def _marks(rows: Sequence[JsonObject], key: str) -> list[charts.Mark]:
     """Marks of the methods whose error of a key is known."""
     return [
         charts.Mark(
@@ -438,7 +442,7 @@ def _marks(rows: Sequence[Mapping[str, Any]], key: str) -> list[charts.Mark]:
     ]
 
 
-def _maps(report: Mapping[str, Any], errors: list[float]) -> list[str]:
+def _maps(report: JsonObject, errors: list[float]) -> list[str]:
     """Errors over each of the first parameters and the next one.
 
     Empty if the points do not have these parameters.
@@ -483,10 +487,10 @@ def _figure(path: Path) -> str:
 
 
 def _pictures(folder: Path) -> str:
-    order = {name: place for place, name in enumerate(CAPTIONS)}
-    found = [path for path in folder.glob("*.png") if path.name != "scene.png"]
-    found.sort(key=lambda path: (order.get(path.name, len(order)), path.name))
-    return _section("Pictures", *(_figure(path) for path in found))
+    order = {name: index for index, name in enumerate(CAPTIONS)}
+    paths = [path for path in folder.glob("*.png") if path.name != "scene.png"]
+    paths.sort(key=lambda path: (order.get(path.name, len(order)), path.name))
+    return _section("Pictures", *(_figure(path) for path in paths))
 
 
 def _loading(folder: Path) -> str:
@@ -514,7 +518,7 @@ def _loading(folder: Path) -> str:
     )
 
 
-def _checks(residuals: Mapping[str, Any]) -> str:
+def _checks(residuals: JsonObject) -> str:
     rows = [
         [_words(name), f"{value:.2g}"] for name, value in residuals.items() if _is_number(value)
     ]
@@ -527,12 +531,14 @@ def _checks(residuals: Mapping[str, Any]) -> str:
     return _section("What is left of the equations", table and table + caption)
 
 
-def _others(report: Mapping[str, Any]) -> str:
+def _others(report: JsonObject) -> str:
     """Parts without a separate place, folded, each as a table."""
     shown = {key: value for key, value in report.items() if key not in TOLD}
     for key in ("errors", "times"):
         shown[key] = {
-            name: item for name, item in _mapping(report.get(key)).items() if not _is_summary(item)
+            name: entry
+            for name, entry in _mapping(report.get(key)).items()
+            if not _is_summary(entry)
         }
     return _section(
         "Everything else", *(_folded(_words(key), _plain(value)) for key, value in shown.items())
@@ -552,12 +558,16 @@ def _plain(value: object) -> str:
             [[_text(row.get(name, "")) for name in head] for row in rows],
         )
     if isinstance(value, Mapping):
-        parts = {
-            name: item for name, item in value.items() if isinstance(item, Mapping | list) and item
+        nested = {
+            name: entry
+            for name, entry in value.items()
+            if isinstance(entry, Mapping | list) and entry
         }
-        own = _table(
+        table = _table(
             ["", "value"],
-            [[_words(name), _text(item)] for name, item in value.items() if name not in parts],
+            [[_words(name), _text(entry)] for name, entry in value.items() if name not in nested],
         )
-        return own + "".join(_folded(_words(name), _plain(item)) for name, item in parts.items())
+        return table + "".join(
+            _folded(_words(name), _plain(entry)) for name, entry in nested.items()
+        )
     return f"<p>{escape(_text(value))}</p>" if value not in (None, []) else ""

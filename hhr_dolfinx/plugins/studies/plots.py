@@ -71,8 +71,8 @@ def _row(
     quantity: str, models: dict[str, np.ndarray], warped: dict[str, pyvista.UnstructuredGrid]
 ) -> Iterator[_Field]:
     """Pictures of a quantity: one of each model in the same colours, and their difference."""
-    every = np.concatenate([np.ravel(values) for values in models.values()])
-    low, high = np.percentile(every, [100 - COLOUR_PERCENTILE, COLOUR_PERCENTILE])
+    all_values = np.concatenate([np.ravel(values) for values in models.values()])
+    low, high = np.percentile(all_values, [100 - COLOUR_PERCENTILE, COLOUR_PERCENTILE])
     for model, values in models.items():
         largest = float(np.max(values))
         peak = f", up to {largest:.3g}" if largest > PEAK_IN_TITLE * high else ""
@@ -127,9 +127,9 @@ def _plot(
     _finish(
         plotter, f"RID: {int(still.cell_data['rid'].sum())} of {still.n_cells} cells", outline, flat
     )
-    for place, row in enumerate(rows):
+    for index, row in enumerate(rows):
         for number, field in enumerate(row, start=1):
-            plotter.subplot(place, number)
+            plotter.subplot(index, number)
             plotter.add_mesh(
                 field.grid.copy(),
                 scalars=field.name,
@@ -164,20 +164,25 @@ def draw_study(study: Any, view: View, folder: Path) -> None:
     They show contact pressures at the points of the view, and fields at the last of them or at the
     last step of the last test history: RID, displacement, stress and fields of laws, also for
     ParaView. Others show errors over the parameter if there is only one, or a history over time.
+
+    Args:
+        study: the study.
+        view: points, units and components to draw.
+        folder: folder of the pictures.
     """
     full = study.training.full_order
     model = study.model
     if "drawing" in registry.named("tools"):
         full.scene.plot(folder / "scene.png")
     if study.measured.drawn:
-        exact, found = study.measured.drawn
+        exact, reduced = study.measured.drawn
         method = study.measured.own.method
         _draw_answers(
-            full, model, {"": (exact.answers[-1], found.answers[-1])}, view, folder, method
+            full, model, {"": (exact.answers[-1], reduced.answers[-1])}, view, folder, method
         )
         laws = study_of(full.scene)
         if laws is not None:
-            laws.draw({"full order": exact, method: found}, full.problem.contact_pairs, folder)
+            laws.draw({"full order": exact, method: reduced}, full.problem.contact_pairs, folder)
         return
     names = full.parameters.names
     if len(names) == 1 and isinstance(study.tests, np.ndarray):
@@ -239,8 +244,8 @@ def _draw_answers(
     if view.component is not None:
         component, label = view.component
         points[label] = {name: grid.point_data[name][:, component] for name in fields}
-    for data, found in ((grid.point_data, points), (grid.cell_data, cells)):
-        for quantity, models in found.items():
+    for data, quantities in ((grid.point_data, points), (grid.cell_data, cells)):
+        for quantity, models in quantities.items():
             for name, values in models.items():
                 data[f"{quantity}, {name}"] = values
             first, *_, last = models
@@ -258,7 +263,12 @@ def _cells_of(model: KeptModel) -> np.ndarray:
 
 
 def in_units(view: View, units: Units | None) -> View:
-    """The view with the unit of stress of a scene, if it has none."""
+    """The view with the unit of stress of a scene, if it has none.
+
+    Args:
+        view: the view.
+        units: units of the scene; None without.
+    """
     return (
         view
         if view.stress is not None
@@ -267,7 +277,14 @@ def in_units(view: View, units: Units | None) -> View:
 
 
 def along(view: View, places: np.ndarray, pair: int, units: Units | None) -> tuple[np.ndarray, str]:
-    """Positions of the conditions of one contact along its surface, (m,), and their label."""
+    """Positions of the conditions of one contact along its surface, (m,), and their label.
+
+    Args:
+        view: view of the study.
+        places: coordinates of the conditions, (m, dim).
+        pair: index of the contact.
+        units: units of the scene; None without.
+    """
     unit = "" if units is None else f" [{units.length}]"
     meant = pair == (view.pair or 0)
     if meant and view.position is not None:
@@ -296,18 +313,18 @@ def _pressures_of(
     """Pressures of one contact: lines of the full model, marks of a reduced model, a closed form if
     there is one.
     """
-    own = full.problem.pressing_of(pair)
-    where, label = along(view, full.problem.contact_points[own], pair, full.scene.units)
+    conditions = full.problem.pressing_of(pair)
+    where, label = along(view, full.problem.contact_points[conditions], pair, full.scene.units)
     lines = {}
     marks = {}
     closed_forms = {}
-    for name, (exact, found) in pairs.items():
-        lines[f"full order{name}"] = where, exact.pressure(full)[own]
-        marks[f"{method}{name}"] = where, found.pressure(full)[own]
+    for name, (exact, reduced) in pairs.items():
+        lines[f"full order{name}"] = where, exact.pressure(full)[conditions]
+        marks[f"{method}{name}"] = where, reduced.pressure(full)[conditions]
         if view.closed_form is not None and pair == (view.pair or 0):
             closed_forms[f"closed form{name}"] = (
                 where,
-                view.closed_form(where, exact.forces()[own].sum()),
+                view.closed_form(where, exact.forces()[conditions].sum()),
             )
     tags = " and ".join(str(tag) for tag in full.scene.contacts[pair].tags)
     title = f"contact {pair}: {tags}"
@@ -317,7 +334,13 @@ def _pressures_of(
 def field_grid(
     full: FullOrderModel, rid_cells: np.ndarray, fields: dict[str, np.ndarray]
 ) -> pyvista.UnstructuredGrid:
-    """Mesh with displacement fields by name, (N,) each, and the RID as the cell field ``rid``."""
+    """Mesh with displacement fields by name, and the RID as the cell field ``rid``.
+
+    Args:
+        full: the full model.
+        rid_cells: cells of the RID.
+        fields: displacements by name, (N,) each.
+    """
     # points are the nodes of the space, in the order of its dofs
     grid = pyvista.UnstructuredGrid(*vtk_mesh(full.discretisation.space))
     for name, field in fields.items():
@@ -330,7 +353,14 @@ def field_grid(
 def plot_curves(
     lines: Curves, path: Path, labels: tuple[str, str], *, logarithmic: bool = False
 ) -> None:
-    """Curves by name, joined in the order of positions."""
+    """Plot curves by name, joined in the order of positions.
+
+    Args:
+        lines: positions and values by name.
+        path: file of the picture.
+        labels: labels of both axes.
+        logarithmic: scale the second axis by logarithms.
+    """
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.subplots()
     _draw_lines(axes, lines, ".-")
@@ -340,7 +370,12 @@ def plot_curves(
 
 
 def plot_panels(panels: Sequence[Panel], path: Path) -> None:
-    """Drawings, three in a row, with one legend for all of them."""
+    """Plot panels, three in a row, with one legend for all of them.
+
+    Args:
+        panels: the panels.
+        path: file of the picture.
+    """
     columns = min(len(panels), 3)
     rows = -(-len(panels) // columns)
     figure = Figure(figsize=(1.5 + 5.5 * columns, 4.2 * rows + 0.6), layout="constrained")

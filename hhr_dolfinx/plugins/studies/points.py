@@ -5,7 +5,7 @@ process.
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
@@ -32,6 +32,7 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.plugins.studies.measure import MeasuredErrors, Measurement, References, Report, Row
+from hhr_dolfinx.plugins.studies.settings import StudySettings
 from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
@@ -52,7 +53,8 @@ COLD = (*COMPARED, "online", "online_lapack")
 SAMPLED = {"displacement": "primal_energy", "forces": "dual_full_floored"}
 """Errors that a report keeps point by point, under their names in estimates."""
 
-Queries = dict[str, Callable[[np.ndarray], Any]]
+Query = Callable[[np.ndarray], object]
+Queries = dict[str, Query]
 """Queries of a parameter by name."""
 Times = dict[str, np.ndarray]
 """Seconds per query by name."""
@@ -62,15 +64,22 @@ WARM_UP = 5
 """Queries before the measurement."""
 
 
-def time_queries(
-    models: dict[str, Callable[[np.ndarray], Any]], points: np.ndarray
-) -> dict[str, np.ndarray]:
-    """Seconds per query of each model at every point, (len(points) minus a warm-up,), on one
-    thread.
+def time_queries(models: Mapping[str, Query], points: np.ndarray) -> dict[str, np.ndarray]:
+    """Seconds per query of each model at every point, on one thread.
 
     No point is repeated, so that caches help no more than in use. The models alternate in blocks,
     so that a disturbance of the machine affects all of them. A query without an answer counts with
     its time.
+
+    Args:
+        models: solvers of one point by name.
+        points: parameters, (n, P); the first ones are a warm-up.
+
+    Returns:
+        Times by name, (n - warm-up,).
+
+    Raises:
+        StudyError: for fewer points than the warm-up and one more.
     """
     if len(points) <= WARM_UP:
         raise StudyError(
@@ -96,7 +105,7 @@ def time_queries(
     return {name: np.array(values) for name, values in times.items()}
 
 
-def _query(solve: Callable[[np.ndarray], Any], point: np.ndarray) -> None:
+def _query(solve: Query, point: np.ndarray) -> None:
     with suppress(ConvergenceError, NotSolvableError):
         solve(point)
 
@@ -115,9 +124,14 @@ def _settled_memory() -> Iterator[None]:
 
 
 def model_of(training: Training, recipe: Recipe | None) -> tuple[KeptModel, list[dict[str, str]]]:
-    """Model under study: the hyper-reduced one.
+    """Model under study: the hyper-reduced one, or the condensed one if that is refused.
 
-    The condensed one, with the reason, if a scene has no such model.
+    Args:
+        training: training of the scene.
+        recipe: recipe of the reduction; None takes the default.
+
+    Returns:
+        The model, and the reasons of a refusal.
     """
     try:
         return training.build(recipe), []
@@ -128,65 +142,71 @@ def model_of(training: Training, recipe: Recipe | None) -> tuple[KeptModel, list
 def measure_points(
     training: Training,
     model: KeptModel,
-    settings: Any,
+    settings: StudySettings,
     points: np.ndarray,
     refused: list[dict[str, str]],
     progress: Progress,
 ) -> Measurement:
-    """Errors of the model under study at test points, and its time compared with those of all other
-    models.
+    """Errors and times of the model under study, compared with all other models.
 
-    ``refused`` has the reason if hyper-reduction, the usual model under study, was refused.
+    Args:
+        training: training of the scene.
+        model: model under study.
+        settings: settings of the study.
+        points: test points, (n, P).
+        refused: the reason if hyper-reduction, the usual model under study, was refused.
+        progress: makes progress bars.
     """
     full = training.full_order
     space = training.full_order.parameters
-    known = training.snapshots.known_statuses()
+    statuses = training.snapshots.known_statuses()
     references = References.at(points, full, training.snapshots, progress("references"))
     points = references.solutions.points
     answers = [model.solve(point, raise_on_failure=False, outside="ignore") for point in points]
-    models, whole = _queries_of(full, model)
+    models, queries = _queries_of(full, model)
     skipped = list(refused)
     errors = {"fom_best": references.errors(full), "online": references.errors(model)}
     offline = {}
-    compared = () if refused else _compared(training, known, skipped)
+    compared = () if refused else _compared(training, statuses, skipped)
     if compared:
         forces_only, condensed = compared
         models["condensed"] = forces_only
-        whole["condensed_full"] = _everywhere(condensed)
+        queries["condensed_full"] = _everywhere(condensed)
         errors["condensed"] = references.errors(condensed)
         if forces_only.offline is not None:
             offline = {"offline_condensed": dict(forces_only.offline.log.times)}
     baselines = {}
     if settings.naive and full.problem.kernel is None:
         baselines = {
-            name: registry.load(place)(full)
-            for name, (place, _) in registry.parts("baselines").items()
+            name: registry.load(import_path)(full)
+            for name, (import_path, _) in registry.parts("baselines").items()
         }
     models |= baselines
     # timed points belong neither to training nor to tests
-    fresh, others = (space.random(settings.queries + 5, settings.seed + k) for k in (1000, 4000))
-    warm = time_queries(_warm(models, known) | whole, fresh)
+    fresh, later = (space.random(settings.queries + 5, settings.seed + k) for k in (1000, 4000))
+    warm = time_queries(_warm(models, statuses) | queries, fresh)
     cold = time_queries(
-        {name: partial(item.solve, start=None) for name, item in models.items()}, others
+        {name: partial(solver.solve, start=None) for name, solver in models.items()}, later
     )
 
     def beside(method: str, setting: str, other: Model) -> Row:
+        """Row of the model ``other`` by its method and setting."""
         errors = references.errors(other)
         return Row(method, setting, time_queries({"online": other.solve}, fresh)["online"], errors)
 
-    errors |= {name: references.errors(item) for name, item in baselines.items()}
+    errors |= {name: references.errors(solver) for name, solver in baselines.items()}
     if not baselines:
         skipped.append({"stage": "fom_naive", "why": _without_naive(full)})
     report = _searches(answers) | {"samples": _samples(points, answers, errors["online"])}
     report |= _times(warm, cold, baselines, offline)
     report |= _mesh_error(full, skipped) | _outputs(full, references.solutions, answers)
-    own = Row("condensed" if refused else "HHR", "this model", warm["online"], errors["online"])
-    how = dict.fromkeys(baselines, "baseline") | ({"condensed": "interpolated"} if offline else {})
+    studied = Row("condensed" if refused else "HHR", "this model", warm["online"], errors["online"])
+    kind = dict.fromkeys(baselines, "baseline") | ({"condensed": "interpolated"} if offline else {})
     order = [name for name in ("condensed", "fom_best", *baselines) if name in errors]
-    rows = [Row(name, how.get(name, "exact"), warm[name], errors[name]) for name in order]
+    rows = [Row(name, kind.get(name, "exact"), warm[name], errors[name]) for name in order]
     small: dict[str, Any] = {"condensed": model} if refused else {}
     small |= {name: models[name] for name in ("condensed",) if name in models}
-    return Measurement(own, rows, beside, report, skipped, models=small)
+    return Measurement(studied, rows, beside, report, skipped, models=small)
 
 
 def _queries_of(full: FullOrderModel, model: KeptModel) -> tuple[dict[str, Model], Queries]:
@@ -197,11 +217,11 @@ def _queries_of(full: FullOrderModel, model: KeptModel) -> tuple[dict[str, Model
     if isinstance(model, ReducedModel):
         models["online_lapack"] = _twin(model, LapackLU)
     alone = _twin(model, PetscLU)
-    whole: Queries = {
+    queries: Queries = {
         "online_forces": lambda point: alone.solve(point).forces(),
         "online_full": _everywhere(_twin(model, PetscLU)),
     }
-    return models, whole
+    return models, queries
 
 
 def _searches(answers: list[Answer]) -> Report:
@@ -219,18 +239,21 @@ def _samples(points: np.ndarray, answers: list[Answer], errors: MeasuredErrors) 
     """The ``samples`` part of a report: test points, errors there, and their estimates,
     relative.
     """
-    found: Report = {
+    samples: Report = {
         "points": points.tolist(),
         "errors": {name: errors.values[key].tolist() for name, key in SAMPLED.items()},
     }
-    known = Estimates.of([answer.estimate() for answer in answers])
-    if known is not None:
-        bounds = {"displacement": known.primal_relative, "forces": known.forces_euclid_relative}
-        found |= {
-            "kind": known.kind,
+    estimates = Estimates.of([answer.estimate() for answer in answers])
+    if estimates is not None:
+        bounds = {
+            "displacement": estimates.primal_relative,
+            "forces": estimates.forces_euclid_relative,
+        }
+        samples |= {
+            "kind": estimates.kind,
             "bounds": {name: values.tolist() for name, values in bounds.items()},
         }
-    return found
+    return samples
 
 
 def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> Report:
@@ -311,12 +334,14 @@ def _outputs(full: FullOrderModel, solutions: SnapshotSet, answers: list[Answer]
         exact.append(
             Answer(point, unknown, forces, forces > 0, 0, Status.CONVERGED, False, full).outputs()
         )
-    found = [answer.outputs() for answer in answers]
+    reduced = [answer.outputs() for answer in answers]
     report = {}
     for name, unit in exact[0].units.items():
-        values, others = (np.array([outputs[name] for outputs in part]) for part in (exact, found))
+        values, reduced_values = (
+            np.array([outputs[name] for outputs in group]) for group in (exact, reduced)
+        )
         largest = float(np.abs(values).max())
-        errors = np.abs(others - values) / (largest or 1.0)
+        errors = np.abs(reduced_values - values) / (largest or 1.0)
         report[name] = {
             "unit": unit,
             "largest": largest,

@@ -37,7 +37,15 @@ LONGEST_CELL = 160
 def make_report(
     training: Training, model: KeptModel, measured: Measurement, rows: list[Report], seed: int
 ) -> Report:
-    """All figures of a study under the keys that scenes share; SI units, seconds, fractions."""
+    """All figures of a study under the keys that scenes share; SI units, seconds, fractions.
+
+    Args:
+        training: training of the scene.
+        model: model under study.
+        measured: errors and times of the models.
+        rows: rows of the work-precision table.
+        seed: seed of the test points.
+    """
     report = {
         **frame(training, model, seed),
         "errors": measured.own.errors.summaries(),
@@ -59,8 +67,11 @@ def make_report(
 
 
 def model_report(model: ReducedModel, row: Row) -> Report:
-    """One of the ``models`` of a report: a reduced model, its errors and the seconds of its
-    answers.
+    """One of the ``models`` of a report, with its errors and the seconds of its answers.
+
+    Args:
+        model: a reduced model.
+        row: its errors and times.
     """
     return {
         "sizes": reduced_sizes(model),
@@ -76,7 +87,12 @@ def _stability(found: Stability) -> Report:
 
 
 def errors_and_times(model: KeptModel, row: Row) -> Report:
-    """Common part of all ``models`` of a report."""
+    """Common part of all ``models`` of a report.
+
+    Args:
+        model: a model.
+        row: its errors and times.
+    """
     return {
         "errors": row.errors.summaries(),
         "unconverged": row.errors.unanswered,
@@ -119,19 +135,19 @@ def break_even(times: Report) -> dict[str, float | None]:
     includes training answers that were read from files. Forces by condensation need no training.
     """
     offline = sum(times["offline"].values())
-    found = dict[str, float | None](forces=None)
+    queries = dict[str, float | None](forces=None)
     if "condensed_full" not in times:
-        found["fields"] = _pays(times, offline, "online")
+        queries["fields"] = _pays(times, offline, "online")
         shared = sum(times["offline"].get(stage, 0.0) for stage in (*TRAINING_STAGES, FROM_FILES))
         spent = shared + sum(times.get("offline_condensed", {}).values())
-        return found | {"fields, condensed": _pays(times, spent, "condensed")}
+        return queries | {"fields, condensed": _pays(times, spent, "condensed")}
     for name, kind in {"forces": "online_forces", "fields": "online_full"}.items():
-        found[name] = _pays(times, offline, kind)
+        queries[name] = _pays(times, offline, kind)
     if "offline_condensed" in times:
         stages = times["offline_condensed"]
         spent = times["offline"].get("full_order", 0.0) + stages["compliances"] + stages["starts"]
-        found["forces, condensed"] = _pays(times, spent, "condensed")
-    return found
+        queries["forces, condensed"] = _pays(times, spent, "condensed")
+    return queries
 
 
 def _pays(times: Report, spent: float, kind: str) -> float | None:
@@ -146,7 +162,13 @@ def _pays(times: Report, spent: float, kind: str) -> float | None:
 
 
 def frame(training: Training, model: KeptModel, seed: int) -> Report:
-    """The part of a report without measurements."""
+    """Part of a report without measurements.
+
+    Args:
+        training: training of the scene.
+        model: model under study.
+        seed: seed of the test points.
+    """
     problem = training.full_order.problem
     offline = model.offline
     report: Report = {
@@ -214,6 +236,14 @@ def write_report(report: Report | list[Report], folder: str | Path, name: str = 
     """Write ``report.json``, or rows under another name.
 
     Numbers that are not finite become null, as JSON requires.
+
+    Args:
+        report: the report, or rows of a table.
+        folder: folder of the file.
+        name: name of the file without ending.
+
+    Returns:
+        Path of the file.
     """
     path = Path(folder) / f"{name}.json"
     text = json.dumps(finite(report), indent=2, allow_nan=False)
@@ -230,7 +260,12 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
 
 
 def print_report(report: Report, console: Console) -> None:
-    """Print the main figures, in the words of ``report.html``."""
+    """Print the main figures, in the words of ``report.html``.
+
+    Args:
+        report: the report.
+        console: console to print to.
+    """
     console.print(_sizes_in_words(report))
     console.print(_table(page.ERROR_HEAD, page.error_rows(report["errors"]).values()))
     console.print(_table(page.TIME_HEAD, page.time_rows(report["times"])))
@@ -250,27 +285,29 @@ def print_report(report: Report, console: Console) -> None:
     if row := report.get("discretisation"):
         # the error of the mesh is the scale of all others; numbers where nothing estimates it any
         # more
-        place = registry.named("public").get("MeshError")
-        console.print(registry.load(place)(**row).in_words() if place else f"mesh: {row}")
+        import_path = registry.named("public").get("MeshError")
+        console.print(
+            registry.load(import_path)(**row).in_words() if import_path else f"mesh: {row}"
+        )
     if (row := report.get("time_error", {})).get("max"):
-        how = (
+        description = (
             "in the steps of the paths"
             if row["tolerance"] is None
             else f"cut to a tolerance of {row['tolerance']:g}"
         )
         console.print(
-            f"time steps of the full order, {how}: off by {row['median']:.2%} of the largest "
-            f"stress or displacement by estimate (median of the histories), {row['max']:.2%} at "
-            "worst; small models take the same ones"
+            f"time steps of the full order, {description}: off by {row['median']:.2%} of the "
+            f"largest stress or displacement by estimate (median of the histories), "
+            f"{row['max']:.2%} at worst; small models take the same ones"
         )
     if "advice" in report:
         console.print(report["advice"])
-    for item in report["refused_before"]:
-        console.print(f"{item['layers']} layers refused: {item['why']}")
-    for item in report.get("models", {}).get("condensed", {}).get("refused_before", []):
-        console.print(f"condensed, attempt {item['attempt']} refused: {item['why']}")
-    for item in report["skipped"]:
-        console.print(f"left out: {item['stage']}: {item['why']}")
+    for entry in report["refused_before"]:
+        console.print(f"{entry['layers']} layers refused: {entry['why']}")
+    for entry in report.get("models", {}).get("condensed", {}).get("refused_before", []):
+        console.print(f"condensed, attempt {entry['attempt']} refused: {entry['why']}")
+    for entry in report["skipped"]:
+        console.print(f"left out: {entry['stage']}: {entry['why']}")
 
 
 def _sizes_in_words(report: Report) -> str:
@@ -278,11 +315,11 @@ def _sizes_in_words(report: Report) -> str:
     stability = report.get("stability", {})
     head = f"{report['scene']}: {size['N']} dofs, {size['N_lambda']} contacts"
     if "ell_bar" not in size:
-        own = report["models"]["condensed"].get("sizes")
+        sizes = report["models"]["condensed"].get("sizes")
         small = (
             "all contacts"
-            if own is None
-            else f"{own['modes']} modes, all contacts, {own['points']} points"
+            if sizes is None
+            else f"{sizes['modes']} modes, all contacts, {sizes['points']} points"
         )
         return f"{head} -> {small}; {size['snapshots']} snapshots"
     shown = {"kappa_B": "kappa(B~)", "cond_K": "cond(K~)", "tangent": "tangents"}

@@ -94,9 +94,9 @@ class StudySettings:
         if not isinstance(self.tests, Mapping):
             check_counts(tests=(self.tests, 1))
         for name in ("training", "tests"):
-            given = getattr(self, name)
-            if hasattr(given, "__len__") and not len(given):
-                raise StudyError(f"{name} = {given!r} must hold at least one entry")
+            value = getattr(self, name)
+            if hasattr(value, "__len__") and not len(value):
+                raise StudyError(f"{name} = {value!r} must hold at least one entry")
         if not isinstance(self.naive, bool):
             raise StudyError(f"naive = {self.naive!r} of a study must be True or False")
         if not isinstance(self.march, MarchSettings):

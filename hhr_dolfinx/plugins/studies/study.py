@@ -17,6 +17,7 @@ from hhr_dolfinx.models.answer import Model
 from hhr_dolfinx.models.answer import Path as HistoryPath
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.parameters import PointsLike
 from hhr_dolfinx.plugins.studies.measure import Measurement, Report
 from hhr_dolfinx.plugins.studies.of_laws import study_of
 from hhr_dolfinx.plugins.studies.report import (
@@ -64,11 +65,14 @@ class Study:
     def write(
         self, folder: str | Path, console: Console | None = None, view: View | None = None
     ) -> None:
-        """Write and print the report, keep the model, draw the pictures of a view.
-
-        All of them in ``report.html``.
+        """Write report, model, pictures of a view and ``report.html``, and print the report.
 
         If the report advises condensation, that model is kept too, as ``condensed.npz``.
+
+        Args:
+            folder: folder of the files.
+            console: console to print to; None makes one.
+            view: points, units and components to draw; None draws nothing.
         """
         from hhr_dolfinx.online.model_file import save_model
         from hhr_dolfinx.plugins.studies.page import write_page
@@ -95,7 +99,7 @@ def study_scene(
     settings: StudySettings,
     folder: str | Path,
     *,
-    points: object = None,
+    points: PointsLike | None = None,
     rivals: Callable[[Training], Iterable[Rival]] = lambda training: (),
     progress: Progress = lines_of,
 ) -> Study | None:
@@ -132,7 +136,7 @@ def study_scene(
 def run_study(
     training: Training,
     settings: StudySettings,
-    points: object = None,
+    points: PointsLike | None = None,
     *,
     rivals: Sequence[Rival] = (),
     progress: Progress = lines_of,
@@ -140,6 +144,13 @@ def run_study(
     """Build the reduced model, measure its errors and time it against all other models.
 
     See :func:`study_scene`.
+
+    Args:
+        training: training of the scene.
+        settings: settings of the study.
+        points: test points, (n, P); None takes those of the settings.
+        rivals: other approximations for the work-precision table.
+        progress: makes progress bars.
 
     Raises:
         ValueError: if the full model is distributed over ranks: the models compared with it are
@@ -179,13 +190,13 @@ def run_study(
     ):  # a study of histories has its two models already
         report["models"] = {"default": model_report(model, measured.own)}
     for name, recipe in settings.models.items():
-        other = training.build(recipe, checked=False)
-        report["models"][name] = model_report(other, measured.beside("HHR", name, other))
+        built = training.build(recipe, checked=False)
+        report["models"][name] = model_report(built, measured.beside("HHR", name, built))
     return Study(training, model, tests, measured, settings, report)
 
 
 def _tests_of(
-    scene: Scene, settings: StudySettings, points: Any
+    scene: Scene, settings: StudySettings, points: PointsLike | None
 ) -> np.ndarray | dict[Any, HistoryPath]:
     """Test points, (n, P), or checked paths by label for bodies with laws.
 
@@ -203,9 +214,9 @@ def _tests_of(
             from hhr_dolfinx.plugins.paths.queries import training_paths
 
             return dict(zip(tests, training_paths(scene, tests.values()), strict=True))
-        what = f"tests = {tests!r}" if points is None else "points"
+        subject = f"tests = {tests!r}" if points is None else "points"
         raise StudyError(
-            f"bodies of scene '{scene.name}' have laws: {what} must be paths, tests={{label: "
+            f"bodies of scene '{scene.name}' have laws: {subject} must be paths, tests={{label: "
             "path, ...}"
         )
     if settings.correction is not None:

@@ -28,7 +28,7 @@ from hhr_dolfinx.plugins.greedy import indicators
 from hhr_dolfinx.plugins.greedy.digest import digest_of_values
 from hhr_dolfinx.plugins.greedy.greedy import independent
 from hhr_dolfinx.plugins.greedy.indicators import CellStiffness
-from hhr_dolfinx.study.training.train import silent, train
+from hhr_dolfinx.study.training.train import train
 
 QUICK = hhr.Greedy(
     tolerance=1e-9,
@@ -39,6 +39,11 @@ QUICK = hhr.Greedy(
 )
 PELLET = pellet_cladding.scene(radial_cells=6, axial_cells=12, cladding_radial_cells=2)
 """On a coarse mesh; no few answers span all."""
+
+
+def silent(label):
+    """No progress."""
+    return iter
 
 
 def trained(scene=PELLET, greedy=QUICK, folder=None, progress=silent, **changes):

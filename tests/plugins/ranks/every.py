@@ -15,7 +15,7 @@ import numpy as np
 from bare import SCENE_FOLDERS
 from click.testing import CliRunner
 from mpi4py import MPI
-from scenes import pressed_pair
+from scenes import pressed_block, pressed_pair
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.command.main import hhr as command
@@ -171,6 +171,16 @@ def of_matrices(work):
     return model.solve(2.0).forces()
 
 
+def of_blocks(work):
+    """K of a block, that of its bodies; also of the file of another code."""
+    (block,) = hhr.blocks_of_scene(pressed_block("solid", cells=2))
+    matrix = block.stiffness.matrix.tocoo()
+    path = work.folder / f"k{COMM.rank}.npz"
+    named = {"nodes": block.stiffness.nodes, "directions": block.stiffness.directions}
+    np.savez(path, row=matrix.row, col=matrix.col, data=matrix.data, **named)
+    return [abs(matrix).sum(), abs(hhr.read_stiffness(path).matrix).sum()]
+
+
 def study(work):
     settings = hhr.StudySettings(training=hhr.Sobol(12), held_out=4, tests=6, queries=6)
     found = hhr.study_scene(pair(), settings, work.folder / "study")
@@ -219,6 +229,7 @@ FUNCTIONS = {
         getattr(hhr.answer_points(work.model, work.points, COMM), "forces", None)
     ),
     "answer_table": answered_table,
+    "blocks_of_scene": of_blocks,
     "build": lambda work: work.solved(hhr.build(work.together.full_order, work.together.snapshots)),
     "compute_snapshots": lambda work: hhr.compute_snapshots(work.full, work.points).forces,
     "condense": lambda work: work.solved(hhr.condense(pair())),
@@ -256,7 +267,11 @@ FUNCTIONS = {
     "write_model_page": page,
 }
 """Functions of the package by name."""
-CALLED = {"run_study": "study_scene", "scenery_of": "write_model_page"}
+CALLED = {
+    "read_stiffness": "blocks_of_scene",
+    "run_study": "study_scene",
+    "scenery_of": "write_model_page",
+}
 """Functions that another one calls here."""
 
 
