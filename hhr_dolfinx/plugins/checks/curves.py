@@ -17,7 +17,7 @@ with extra("pictures", "pictures of histories"):
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-RESOLUTION = 200
+CURVE_RESOLUTION = 200
 """Dots per inch of saved figures."""
 TIME = "time"
 ALIKE = 20.0
@@ -79,7 +79,7 @@ def figure_of_history(
         _draw(axes, by_name[x], group)
     panels[-1].set_xlabel(by_name[x].label)
     if path is not None:
-        figure.savefig(path, dpi=RESOLUTION)
+        figure.savefig(path, dpi=CURVE_RESOLUTION)
     return figure
 
 

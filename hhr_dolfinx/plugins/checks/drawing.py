@@ -19,13 +19,13 @@ with extra("pictures", "pictures of scenes and answers"):
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-AROUND = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
+CIRCULAR_ORDER = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
 """Corners of a face in circular order, for triangles and tensor-ordered quadrilaterals."""
 ARROWS = ("crimson", "purple", "darkorange", "teal", "olive", "navy")
 """Colours of loads, in turn."""
 LENGTH = 0.07
 """Length of arrows over the size of the mesh."""
-FAINT = 0.02
+LEAST_ARROW = 0.02
 """Part of the largest force below which no arrow is drawn."""
 MOST_ARROWS = 20
 """Most arrows of a load."""
@@ -55,7 +55,9 @@ def figure_of_scene(check: SceneCheck) -> Figure:
         label = f"contact {index}: " + " and ".join(str(surface.tag) for surface in surfaces)
         facets = [facet for surface in surfaces for facet in surface.points[surface.facets]]
         # facets of a line have two corners
-        around = [facet[AROUND[len(facet)]] if len(facet) > 2 else facet for facet in facets]
+        around = [
+            facet[CIRCULAR_ORDER[len(facet)]] if len(facet) > 2 else facet for facet in facets
+        ]
         _draw_facets(axes, around, f"C{len(bodies) + index}", label)
     _draw_supports(check, axes, 5 if look.points.shape[1] == 2 else 4)
     _draw_loads(check, axes)
@@ -203,7 +205,7 @@ def _draw_loads(check: SceneCheck, axes: Axes) -> None:
     length = LENGTH * float(np.ptp(points, axis=0).max())
     for index, (name, forces) in enumerate(check.forces):
         sizes = np.linalg.norm(forces, axis=1)
-        loaded = np.flatnonzero(sizes > FAINT * sizes.max(initial=0.0))
+        loaded = np.flatnonzero(sizes > LEAST_ARROW * sizes.max(initial=0.0))
         if not loaded.size:
             continue
         # ordered along the surface, so that the left-out ones are spread evenly

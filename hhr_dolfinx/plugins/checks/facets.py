@@ -6,16 +6,21 @@ import numpy as np
 
 from hhr_dolfinx.geometries.cells import FACES
 from hhr_dolfinx.models.answer_mesh import AnswerMesh
-from hhr_dolfinx.plugins.checks.recovery import CORNERS, HEXAHEDRA, QUADRILATERALS, TETRAHEDRA
+from hhr_dolfinx.plugins.checks.recovery import (
+    CORNERS_OF_KIND,
+    HEXAHEDRON_KINDS,
+    QUADRILATERAL_KINDS,
+    TETRAHEDRON_KINDS,
+)
 
 
 def _kind_of(mesh: AnswerMesh) -> str:
     """Name of the kind of cell."""
-    if mesh.kind in HEXAHEDRA:
+    if mesh.kind in HEXAHEDRON_KINDS:
         return "hexahedron"
-    if mesh.kind in TETRAHEDRA:
+    if mesh.kind in TETRAHEDRON_KINDS:
         return "tetrahedron"
-    return "quadrilateral" if mesh.kind in QUADRILATERALS else "triangle"
+    return "quadrilateral" if mesh.kind in QUADRILATERAL_KINDS else "triangle"
 
 
 def _middle(mesh: AnswerMesh, corners: tuple[int, ...]) -> int | None:
@@ -24,7 +29,7 @@ def _middle(mesh: AnswerMesh, corners: tuple[int, ...]) -> int | None:
     Middle nodes are found by their positions in the first cell, in which VTK's orders agree.
     """
     first = mesh.points[mesh.cells[0]]
-    mid_nodes = np.arange(CORNERS[mesh.kind], len(first))
+    mid_nodes = np.arange(CORNERS_OF_KIND[mesh.kind], len(first))
     if not mid_nodes.size:
         return None
     middle = first[list(corners)].mean(axis=0)

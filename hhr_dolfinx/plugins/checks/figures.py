@@ -31,7 +31,7 @@ with extra("pictures", "pictures of scenes and answers"):
 if TYPE_CHECKING:
     from hhr_dolfinx.scene import Scene
 
-RESOLUTION = 200
+FIGURE_RESOLUTION = 200
 """Dots per inch of saved figures."""
 TRIANGLES_OF_CELLS = {
     (3, 3): ((0, 1, 2),),
@@ -42,13 +42,13 @@ TRIANGLES_OF_CELLS = {
     ),
 }  # fmt: skip
 """Triangles of plane cells by their numbers of corners and of nodes, in the order of VTK."""
-ROUND = 0.01
+ROUND_TOLERANCE = 0.01
 """Distance from a circle, over its radius, up to which a surface counts as round."""
-WIDE = 200.0
+WIDE_ANGLE = 200.0
 """Angle in degrees from which pressures of a round surface are drawn over the angle."""
-NARROW = 0.2
+NARROW_SHARE = 0.2
 """Part of the surfaces below which the axis of pressures shows the pressed part alone."""
-FLAT = 2.2
+FLAT_RATIO = 2.2
 """Width over height of bodies from which pressures are drawn below them."""
 
 
@@ -81,7 +81,7 @@ def figure_of(
             raise SceneError(f"scene '{value.name}' cannot be drawn: `hhr check` says why")
         figure = figure_of_scene(checked)
     if path is not None:
-        figure.savefig(path, dpi=RESOLUTION)
+        figure.savefig(path, dpi=FIGURE_RESOLUTION)
     return figure
 
 
@@ -94,7 +94,7 @@ def _figure_of_answer(picture: Picture) -> Figure:
 
         return figure_in_space(picture, title)
     width, height = np.ptp(picture.deformed.points, axis=0)
-    flat = width > FLAT * height
+    flat = width > FLAT_RATIO * height
     size = (8, 4.6 + 7 * height / width) if flat else (11, 4.8)
     figure = Figure(figsize=size, layout="constrained")
     figure.suptitle(fill(title, int(LETTERS * size[0])))
@@ -177,7 +177,7 @@ def _draw_pressures(axes: Axes, picture: Picture) -> None:
 def _zoom(axes: Axes, along: np.ndarray, pressed: np.ndarray) -> None:
     """Limit the axis to what is pressed if that is a small part of the surfaces."""
     width = float(np.ptp(pressed)) if pressed.size else 0.0
-    if 0 < width < NARROW * float(np.ptp(along)):
+    if 0 < width < NARROW_SHARE * float(np.ptp(along)):
         axes.set_xlim(pressed.min() - width, pressed.max() + width)
 
 
@@ -199,7 +199,7 @@ def _along(picture: Picture, conditions: np.ndarray) -> tuple[np.ndarray, str]:
         angles = np.where(angles < -179.999, angles + 360.0, angles)
         apart = np.diff(np.sort(angles))
         covered = float(np.ptp(angles)) if apart.max() < 180 else 360.0 - float(apart.max())
-        if np.ptp(radii) < 2 * ROUND * radii.mean() and covered > WIDE:
+        if np.ptp(radii) < 2 * ROUND_TOLERANCE * radii.mean() and covered > WIDE_ANGLE:
             return angles, f"angle from {names[0]} [°]"
     axis = int(np.ptp(points, axis=0).argmax())
     return points[:, axis], f"{names[axis]}{in_unit(mesh.length)}"

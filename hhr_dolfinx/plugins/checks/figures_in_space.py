@@ -34,7 +34,7 @@ WINDOW = 1400, 1150
 """Pixels of a view."""
 SHARP = 35.0
 """Angle in degrees between facets from which their edge is drawn."""
-FAINT = 0.08
+BODY_OPACITY = 0.08
 """Opacity of bodies around contact surfaces."""
 OPEN_COLOUR = "#c9ced6"
 STATUS_COLOURS = {0: OPEN_COLOUR, 1: "#2b6cb0", 2: "#dd6b20"}
@@ -43,10 +43,10 @@ PRESSURES = "plasma"
 AZIMUTHS = (1.0, -1.4), (-1.0, -1.4), (1.4, 1.0), (-1.4, 1.0)
 VIEWS = [np.array([x, y, 0.8]) / np.linalg.norm((x, y, 0.8)) for x, y in AZIMUTHS]
 """Directions to the camera that are tried: each shows contact surfaces as its opposite does."""
-LIGHT = {"ambient": 0.55, "diffuse": 0.5, "specular": 0.0}
-WIDTH = 5.6
-HEIGHT = 5.4
-NARROW = 4.2
+LIGHTING = {"ambient": 0.55, "diffuse": 0.5, "specular": 0.0}
+VIEW_WIDTH = 5.6
+VIEW_HEIGHT = 5.4
+COLUMN_WIDTH = 4.2
 """Largest width and height of a view, and the least width of its column, in inches."""
 ORIGIN = (-0.03, -0.05)
 """Position of the arrows along the axes, in parts of a view."""
@@ -77,8 +77,8 @@ def figure_in_space(picture: Picture, title: str) -> Figure:
     if (picture.statuses == SLIDING).any():
         views.append(_statuses(picture, way))
     tall = max(view.image.shape[0] / view.image.shape[1] for view in views)
-    width = min(WIDTH, HEIGHT / tall)
-    size = max(width, NARROW) * len(views), width * tall + 1.6
+    width = min(VIEW_WIDTH, VIEW_HEIGHT / tall)
+    size = max(width, COLUMN_WIDTH) * len(views), width * tall + 1.6
     figure = Figure(figsize=size, layout="constrained")
     figure.suptitle(fill(title, int(LETTERS * size[0])))
     for axes, view in zip(figure.subplots(1, len(views)), views, strict=True):
@@ -150,7 +150,7 @@ def _bodies(picture: Picture, way: np.ndarray) -> View:
     plotter = _plotter()
     for surface in surfaces:
         look: dict[str, Any] = {"scalars": "colour", "cmap": COLOURS, "clim": (low, high)}
-        plotter.add_mesh(surface, show_scalar_bar=False, **look, **LIGHT)
+        plotter.add_mesh(surface, show_scalar_bar=False, **look, **LIGHTING)
         _add_edges(plotter, surface)
     label = (
         picture.label if extend == "neither" else f"{picture.label}, up to {all_values.max():.3g}"
@@ -200,10 +200,10 @@ def _add_pressed(plotter: pyvista.Plotter, surface: pyvista.PolyData, largest: f
         pressed = pyvista.PolyData.from_regular_faces(points, faces[closed])
         pressed.point_data["pressure"] = surface.point_data["pressure"]
         look: dict[str, Any] = {"cmap": PRESSURES, "clim": (0.0, largest)}
-        plotter.add_mesh(pressed, scalars="pressure", show_scalar_bar=False, **look, **LIGHT)
+        plotter.add_mesh(pressed, scalars="pressure", show_scalar_bar=False, **look, **LIGHTING)
     if not closed.all():
         open_facets = pyvista.PolyData.from_regular_faces(points, faces[~closed])
-        plotter.add_mesh(open_facets, color=OPEN_COLOUR, **LIGHT)
+        plotter.add_mesh(open_facets, color=OPEN_COLOUR, **LIGHTING)
 
 
 def _statuses(picture: Picture, way: np.ndarray) -> View:
@@ -225,7 +225,7 @@ def _statuses(picture: Picture, way: np.ndarray) -> View:
         for status, colour in STATUS_COLOURS.items():
             if (of_faces == status).any():
                 facets = pyvista.PolyData.from_regular_faces(points, faces[of_faces == status])
-                plotter.add_mesh(facets, color=colour, **LIGHT)
+                plotter.add_mesh(facets, color=colour, **LIGHTING)
     colours = ListedColormap([STATUS_COLOURS[key] for key in STATUS_NAMES])
     return View(_rendered(plotter, way), "status of contact", colours, 2.5, "status")
 
@@ -250,7 +250,7 @@ def _add_faint_bodies(plotter: pyvista.Plotter, picture: Picture) -> None:
     """Bodies through which the contact surfaces are seen."""
     for body in range(picture.bodies):
         surface = surface_of(picture.deformed.points, outer_facets(picture.mesh, body))
-        plotter.add_mesh(surface, color="#8fa3bf", opacity=FAINT)
+        plotter.add_mesh(surface, color="#8fa3bf", opacity=BODY_OPACITY)
         _add_edges(plotter, surface)
 
 

@@ -30,7 +30,7 @@ LARGEST_EXTENT = 50.0
 """Extent of a mesh in m beyond which its unit may be another one than the scene states."""
 SOFT_MODULUS = 1e9
 """Modulus in Pa below which its unit may be another one: structural plastics are stiffer."""
-STIFF = 1.2e12
+STIFF_MODULUS = 1.2e12
 """Modulus in Pa above which its unit may be another one: diamond is the stiffest material."""
 MODULI_RATIO = 1e6
 """Ratio of the moduli of two bodies above which one may be in another unit: steel is 1e5 times as
@@ -304,7 +304,7 @@ def _modulus(check: SceneCheck, body: Body) -> None:
             f"meant, {unit}"
         )
         check.note(f"body {body.tag!r}: E = {young:g} {units.stress} {text}")
-    elif pascals > STIFF:
+    elif pascals > STIFF_MODULUS:
         check.note(
             f"body {body.tag!r}: E = {young:g} {units.stress} is stiffer than diamond (1200 GPa): "
             f"{unit}"

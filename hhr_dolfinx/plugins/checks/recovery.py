@@ -16,13 +16,15 @@ from hhr_dolfinx.models.answer import Answer, Meshed
 from hhr_dolfinx.models.answer_mesh import AnswerMesh
 from hhr_dolfinx.plugins.checks.contact_fields import is_full
 
-TRIANGLES = (5, 69)
-QUADRILATERALS = (9, 70)
-TETRAHEDRA = (10, 71)
-HEXAHEDRA = (12, 72)
+TRIANGLE_KINDS = (5, 69)
+QUADRILATERAL_KINDS = (9, 70)
+TETRAHEDRON_KINDS = (10, 71)
+HEXAHEDRON_KINDS = (12, 72)
 """VTK's numbers of cells: linear and of second order."""
-CORNERS = dict.fromkeys(TRIANGLES, 3) | dict.fromkeys(QUADRILATERALS + TETRAHEDRA, 4)
-CORNERS |= dict.fromkeys(HEXAHEDRA, 8)
+CORNERS_OF_KIND = dict.fromkeys(TRIANGLE_KINDS, 3) | dict.fromkeys(
+    QUADRILATERAL_KINDS + TETRAHEDRON_KINDS, 4
+)
+CORNERS_OF_KIND |= dict.fromkeys(HEXAHEDRON_KINDS, 8)
 """Corners of cells by VTK's numbers, which come first."""
 _AXES_OF_HEXAHEDRON = np.array(
     [
@@ -45,11 +47,11 @@ def cell_volumes(mesh: AnswerMesh) -> np.ndarray:
     >>> cell_volumes(mesh)
     array([2.])
     """
-    corners = mesh.points[mesh.cells[:, : CORNERS[mesh.kind]]]
-    if mesh.kind in HEXAHEDRA:
+    corners = mesh.points[mesh.cells[:, : CORNERS_OF_KIND[mesh.kind]]]
+    if mesh.kind in HEXAHEDRON_KINDS:
         edges = np.einsum("ak,ckd->cad", _AXES_OF_HEXAHEDRON, corners) / 4
         return np.abs(np.linalg.det(edges))
-    if mesh.kind in TETRAHEDRA:
+    if mesh.kind in TETRAHEDRON_KINDS:
         return np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6
     x, y = np.moveaxis(corners, 2, 0)
     areas = (x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1) / 2

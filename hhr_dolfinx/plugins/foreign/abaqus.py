@@ -22,7 +22,7 @@ from hhr_dolfinx.plugins.foreign.dof_table import read_dofs
 from hhr_dolfinx.plugins.foreign.matrix import ForeignMatrix, symmetric_of_half
 from hhr_dolfinx.plugins.foreign.plain import read_matrix_market, table_beside
 
-PENALTY = 1e30
+LEAST_PENALTY = 1e30
 """Diagonal entries above this are penalties of imposed dofs: their rows and columns are left
 out.
 """
@@ -87,7 +87,7 @@ def _counted(table: np.ndarray, path: Path, dofs: Path | None) -> ForeignMatrix:
 
 def _without_penalties(found: ForeignMatrix) -> ForeignMatrix:
     """The matrix without rows of imposed dofs."""
-    kept = np.flatnonzero(found.matrix.diagonal() < PENALTY)
+    kept = np.flatnonzero(found.matrix.diagonal() < LEAST_PENALTY)
     if kept.size == len(found.nodes):
         return found
     matrix = csr_matrix(found.matrix[kept][:, kept])

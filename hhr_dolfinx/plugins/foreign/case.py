@@ -27,7 +27,7 @@ SCALE = 0.2
 modulus.
 """
 
-STIFF = 1e6
+MEAN_STIFFNESS = 1e6
 """Stiffness of a held mean over the largest entry of K: what it leaves is a millionth."""
 
 SINGULAR = 1e-3
@@ -208,7 +208,7 @@ def compare_case(block: Placed, case: SolvedCase, name: str) -> float:
             "of K"
         )
     stiff = (
-        STIFF * abs(block.matrix).max() * (means.T @ means)
+        MEAN_STIFFNESS * abs(block.matrix).max() * (means.T @ means)
         if means.shape[0]
         else 0.0 * block.matrix
     )
@@ -269,7 +269,12 @@ def _indices(nodes: ForeignNodes) -> dict[int, int]:
 
 
 def carriers_of(nodes: ForeignNodes, label: int) -> np.ndarray:
-    """Nodes that carry the node of the deck with a label, (k,); empty if there is none."""
+    """Nodes that carry the node of the deck with a label, (k,); empty if there is none.
+
+    Args:
+        nodes: nodes of a block.
+        label: label of the node in the deck.
+    """
     return np.flatnonzero((nodes.decks == label) & nodes.carriers)
 
 

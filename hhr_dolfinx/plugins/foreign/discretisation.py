@@ -55,8 +55,8 @@ MESHED = (
     "_trial",
 )
 """Attributes of a discretisation that need a mesh of DOLFINx."""
-TRIANGLES = 5
-POINTS = 1
+VTK_TRIANGLE = 5
+VTK_POINT = 1
 """VTK's numbers of triangles and of points."""
 
 
@@ -146,7 +146,12 @@ class ForeignDiscretisation(Discretisation):
     def contact_problem(
         self, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()
     ) -> ContactProblem:
-        """See :class:`Discretisation`; conditions and loads on dofs that K lacks are refused."""
+        """See :class:`Discretisation`; conditions and loads on dofs that K lacks are refused.
+
+        Args:
+            stiffness: terms of K, (N, N) each.
+            moduli: factor of each term at a point.
+        """
         problem = super().contact_problem(stiffness, moduli)
         rows = problem.whole_contact
         assert rows is not None
@@ -271,7 +276,12 @@ class ForeignDiscretisation(Discretisation):
         return self.parts.surface(tag)
 
     def nodes(self, tag: Tag | Place, whole: bool = True) -> np.ndarray:
-        """Numbers of the nodes of a set, a surface or a place, (k,)."""
+        """Numbers of the nodes of a set, a surface or a place, (k,).
+
+        Args:
+            tag: set, surface or place.
+            whole: has no effect here.
+        """
         return self.parts.nodes(tag)
 
     def cells_of(self, tag: Tag) -> np.ndarray:
@@ -289,7 +299,15 @@ class ForeignDiscretisation(Discretisation):
         return self.parts.block_of(pairs[own.start : own.stop, 0])
 
     def stress(self, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Refuse: K knows no strains."""
+        """Refuse: K knows no strains.
+
+        Args:
+            displacement: displacement of all dofs, (N,).
+            point: parameters, (P,).
+
+        Raises:
+            NotOfferedError: always.
+        """
         raise NotOfferedError(
             f"stresses of scene '{self.scene.name}' are not known: its K comes from another code, "
             "which has the "
@@ -304,7 +322,7 @@ class ForeignDiscretisation(Discretisation):
         return AnswerMesh(
             points=problem.points,
             cells=cells,
-            kind=POINTS if outer is None else TRIANGLES,
+            kind=VTK_POINT if outer is None else VTK_TRIANGLE,
             bodies=self.parts.block_of(cells[:, 0]),
             contact_points=problem.contact_points,
             slaves=problem.contact_slaves,

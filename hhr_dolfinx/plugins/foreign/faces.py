@@ -17,7 +17,7 @@ CORNER_FACES = {
 """Corners of the faces S1, S2, ... of solids by their number of corners, in the order of Abaqus and
 CalculiX.
 """
-EDGES = {
+EDGES_BY_CORNERS = {
     4: ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
     6: ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
     8: (
@@ -36,7 +36,7 @@ EDGES = {
     ),
 }
 """Corners of the edges, in the order of the nodes on them."""
-CORNERS = {4: 4, 10: 4, 5: 5, 6: 6, 15: 6, 8: 8, 20: 8}
+CORNERS_BY_NODES = {4: 4, 10: 4, 5: 5, 6: 6, 15: 6, 8: 8, 20: 8}
 """Number of corners of a solid by its number of nodes."""
 PARTS = {
     3: ((0, 1, 2),),
@@ -63,7 +63,12 @@ class Faces:
 
     @classmethod
     def of(cls, rows: Sequence[Sequence[int]], inner: Sequence[np.ndarray]) -> Faces:
-        """Faces from the nodes of each, and a point behind each."""
+        """Faces from the nodes of each, and a point behind each.
+
+        Args:
+            rows: nodes of each face.
+            inner: point behind each face, (3,).
+        """
         counts = sorted({len(row) for row in rows})
         places = [[k for k, row in enumerate(rows) if len(row) == count] for count in counts]
         nodes = tuple(np.array([rows[k] for k in own], dtype=np.int64) for own in places)
@@ -131,10 +136,12 @@ def solid_faces(element: Sequence[int]) -> list[list[int]]:
     Args:
         element: nodes in the order of decks, 4, 5, 6, 8, 10, 15 or 20.
     """
-    count = CORNERS[len(element)]
+    count = CORNERS_BY_NODES[len(element)]
     middles = {}
     if len(element) > count:
-        middles = {frozenset(edge): element[count + k] for k, edge in enumerate(EDGES[count])}
+        middles = {
+            frozenset(edge): element[count + k] for k, edge in enumerate(EDGES_BY_CORNERS[count])
+        }
     found = []
     for face in CORNER_FACES[count]:
         edges = [frozenset((face[k], face[(k + 1) % len(face)])) for k in range(len(face))]
@@ -155,7 +162,7 @@ def outer_faces(elements: Sequence[Sequence[int]], points: np.ndarray) -> Faces:
             owners.setdefault(frozenset(face), []).append((face, number))
     single = [own[0] for own in owners.values() if len(own) == 1]
     middles = [
-        points[list(elements[number][: CORNERS[len(elements[number])]])].mean(axis=0)
+        points[list(elements[number][: CORNERS_BY_NODES[len(elements[number])]])].mean(axis=0)
         for _, number in single
     ]
     return Faces.of([face for face, _ in single], middles)

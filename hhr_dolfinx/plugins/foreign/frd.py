@@ -11,7 +11,7 @@ from pathlib import Path
 
 from hhr_dolfinx.errors import FileContentError
 
-COUNTS = {1: 8, 2: 6, 3: 4, 4: 20, 5: 15, 6: 10, 7: 3, 8: 6, 9: 4, 10: 8, 11: 2, 12: 3}
+NODES_OF_TYPE = {1: 8, 2: 6, 3: 4, 4: 20, 5: 15, 6: 10, 7: 3, 8: 6, 9: 4, 10: 8, 11: 2, 12: 3}
 """Number of nodes of each type of element."""
 ORDERS = {4: [*range(12), *range(16, 20), *range(12, 16)], 5: [*range(9), 12, 13, 14, 9, 10, 11]}
 """Places in an element of 20 or 15 nodes in the order of the deck: the upper edges come before the
@@ -88,7 +88,7 @@ def _elements(lines: list[str], start: int) -> dict[int, list[int]]:
         elif line.startswith(" -2"):
             found[number] += [int(line[k : k + 10]) for k in range(3, len(line.rstrip()), 10)]
     for number, own in found.items():
-        if len(own) != COUNTS[kinds[number]]:
+        if len(own) != NODES_OF_TYPE[kinds[number]]:
             raise ValueError(f"element {number} has {len(own)} nodes")
         if kinds[number] in ORDERS:
             found[number] = [own[place] for place in ORDERS[kinds[number]]]

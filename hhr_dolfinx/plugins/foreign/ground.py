@@ -50,7 +50,15 @@ class NodesToGround(KnownArguments):
         return (self.nodes,)
 
     def rows(self, surfaces: Sequence[Any], dofs: int) -> ContactRows:
-        """One row for each node."""
+        """One row for each node.
+
+        Args:
+            surfaces: the nodes, as one surface.
+            dofs: number of dofs, N.
+
+        Raises:
+            SceneError: for normals, gaps or areas that do not fit the nodes.
+        """
         (surface,) = surfaces
         bare = isinstance(surface, BareNodes)
         nodes, points = (

@@ -43,7 +43,11 @@ class ForeignLoad(KnownArguments):
         check_amplitude(self, f"the foreign load {self.forces!r}", formulas=True)
 
     def terms(self, assembler: Assembler) -> list[Term]:
-        """Refuse: only the discretisation of blocks knows their labels."""
+        """Refuse: only the discretisation of blocks knows their labels.
+
+        Raises:
+            SceneError: always.
+        """
         raise SceneError(
             "a ForeignLoad is one of a block of another code: give it to foreign.scene(...)"
         )
@@ -79,11 +83,19 @@ class ForeignLoad(KnownArguments):
 
 
 def vector_of(load: object, parts: Parts) -> np.ndarray | None:
-    """Forces of a load on all dofs for the amplitude 1, (N,); None for a load that needs an
-    assembler.
+    """Forces of a load on all dofs for the amplitude 1, (N,).
+
+    None for a load that needs an assembler.
 
     A force on a node that several nodes stand for is shared by those that carry it. Pressures and
     tractions act on the faces of the elements, with their shape functions.
+
+    Args:
+        load: load of the scene.
+        parts: blocks of the scene.
+
+    Raises:
+        SceneError: for a nodal force that has not three components.
     """
     if isinstance(load, ForeignLoad):
         return load.vector(parts)

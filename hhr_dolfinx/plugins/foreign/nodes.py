@@ -14,7 +14,13 @@ import numpy as np
 from hhr_dolfinx.errors import FileContentError, FileError, SceneError
 from hhr_dolfinx.geometries.abaqus_blocks import DeckContents
 from hhr_dolfinx.geometries.abaqus_deck import flat_deck
-from hhr_dolfinx.plugins.foreign.faces import CORNERS, Faces, joined_faces, outer_faces, solid_faces
+from hhr_dolfinx.plugins.foreign.faces import (
+    CORNERS_BY_NODES,
+    Faces,
+    joined_faces,
+    outer_faces,
+    solid_faces,
+)
 from hhr_dolfinx.plugins.foreign.frd import Results, read_frd
 
 EXPANDED = {
@@ -30,7 +36,7 @@ number of nodes.
 """
 SIDES = {"SNEG": 1, "SPOS": 2, "NEG": 1, "POS": 2}
 """Faces of solids by the sides of shells."""
-SAME = 1e-6
+MATCH_TOLERANCE = 1e-6
 """Part of the size of a block up to which two places are one."""
 
 
@@ -168,6 +174,9 @@ def nodes_of_deck(path: Path, results: Path | None = None) -> ForeignNodes:
     Args:
         path: deck.
         results: see :func:`read_nodes`.
+
+    Raises:
+        FileContentError: for shells or beams without the results of CalculiX.
     """
     deck = flat_deck(path)
     if not (thin := thin_elements(deck)):
@@ -188,7 +197,7 @@ def solids_of_deck(deck: DeckContents) -> ForeignNodes:
     solids = {
         n: own
         for n, own in deck.whole.items()
-        if len(own) in CORNERS and deck.types[n].startswith(names)
+        if len(own) in CORNERS_BY_NODES and deck.types[n].startswith(names)
     }
     return _of_solids(
         deck, solids, {label: tuple(place) for label, place in deck.nodes.items()}, {}
@@ -299,7 +308,7 @@ def _faces(
                     f"'{what}, {face}' is no face of a solid with {len(row)} nodes"
                 )
             found.append(faces[place - 1])
-            inner.append(points[row[: CORNERS[len(row)]]].mean(axis=0))
+            inner.append(points[row[: CORNERS_BY_NODES[len(row)]]].mean(axis=0))
     return Faces.of(found, inner) if found else None
 
 
@@ -315,7 +324,7 @@ def _of_mesh(path: Path) -> ForeignNodes:
         for block in mesh.cells
         if block.dim == 3
         for row in block.data.tolist()
-        if len(row) in CORNERS
+        if len(row) in CORNERS_BY_NODES
     ]
     flat = (
         Faces.of(*_of_facets(mesh, points)) if any(block.dim == 2 for block in mesh.cells) else None
@@ -363,7 +372,7 @@ def _matched(nodes: ForeignNodes, name: str, path: Path) -> Faces:
     mesh = _by_meshio(path)
     points = _in_space(mesh.points)
     away, place = cKDTree(nodes.points).query(points)
-    reach = SAME * np.ptp(nodes.points, axis=0).max() + 1e-7 * np.abs(points).max()
+    reach = MATCH_TOLERANCE * np.ptp(nodes.points, axis=0).max() + 1e-7 * np.abs(points).max()
     used = np.unique(np.concatenate([block.data.ravel() for block in mesh.cells]))
     if (lost := used[away[used] > reach]).size:
         where = [float(f"{value:.6g}") for value in points[lost[0]]]

@@ -18,7 +18,7 @@ from hhr_dolfinx.plugins.foreign.case import carriers_of
 from hhr_dolfinx.plugins.foreign.faces import Faces, joined_faces
 from hhr_dolfinx.plugins.foreign.placed import Placed
 
-WORDS = ("along x", "along y", "along z")
+DIRECTION_WORDS = ("along x", "along y", "along z")
 """Words for directions of dofs."""
 
 
@@ -326,15 +326,20 @@ class Parts:
             if own < len(labels)
             else "a rotation, or a dof of the code alone,"
         )
-        return f"{label} of block '{self.blocks[place].name}' {WORDS[direction]}"
+        return f"{label} of block '{self.blocks[place].name}' {DIRECTION_WORDS[direction]}"
 
 
 _TENSOR = [0, 1, 3, 2]
 
 
 def tributary(facets: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Area of each node by flat facets, (n,): a third of triangles, shares of quadrilaterals by
-    both diagonals.
+    """Area of each node by flat facets, (n,).
+
+    It is a third of triangles, and shares of quadrilaterals by both diagonals.
+
+    Args:
+        facets: nodes of each facet, (f, 3) or (f, 4).
+        points: coordinates of nodes, (n, 3).
     """
     found = np.zeros(len(points))
     halves: Sequence[tuple[list[int], float]] = [([0, 1, 2], 1.0)]

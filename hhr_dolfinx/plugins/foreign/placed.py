@@ -25,7 +25,7 @@ AWAY = 100.0
 """Distance of nodes without a place over the size of their block: no output that names a place
 finds them.
 """
-MOST = 60
+MOST_ELIMINATED = 60
 """Number of coupled dofs without a place up to which they are eliminated: an element has up to
 39.
 """
@@ -210,7 +210,7 @@ def _without_inner(matrix: csr_matrix, place: np.ndarray) -> tuple[csr_matrix, n
     part = matrix[inner][:, inner]
     _, label = connected_components(part, directed=False)
     sizes = np.bincount(label)
-    gone = inner[sizes[label] <= MOST]
+    gone = inner[sizes[label] <= MOST_ELIMINATED]
     if not gone.size:
         return matrix, place
     kept = np.setdiff1d(np.arange(len(place)), gone)

@@ -19,7 +19,7 @@ from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.plugins.foreign.dof_table import read_dofs
 from hhr_dolfinx.plugins.foreign.matrix import ForeignMatrix, symmetric_of_half
 
-WHOLE = {"spmatrix": True} if "spmatrix" in signature(mmread).parameters else {}
+SPARSE_MATRIX = {"spmatrix": True} if "spmatrix" in signature(mmread).parameters else {}
 """Option of releases of SciPy that also make sparse arrays."""
 SYMMETRIC = ("RSA", "PSA")
 """Types of Harwell-Boeing files that store one half."""
@@ -35,7 +35,10 @@ def read_matrix_market(path: Path, dofs: Path | None = None) -> ForeignMatrix:
     """
     nodes, directions = read_dofs(dofs or table_beside(path))
     return ForeignMatrix(
-        csr_matrix(_read(lambda _: mmread(path, **WHOLE), path)), nodes, directions, path.name
+        csr_matrix(_read(lambda _: mmread(path, **SPARSE_MATRIX), path)),
+        nodes,
+        directions,
+        path.name,
     )
 
 
@@ -52,7 +55,7 @@ def read_harwell_boeing(path: Path, dofs: Path | None = None) -> ForeignMatrix:
     kind = lines[2][:3].upper() if len(lines) > 2 else ""
     if kind in SYMMETRIC:  # SciPy reads whole matrices alone
         lines[2] = f"RUA{lines[2][3:]}"
-    found = coo_matrix(_read(lambda _: hb_read(StringIO("".join(lines)), **WHOLE), path))
+    found = coo_matrix(_read(lambda _: hb_read(StringIO("".join(lines)), **SPARSE_MATRIX), path))
     matrix = csr_matrix(found)
     if kind in SYMMETRIC and min(found.shape) == len(nodes):
         rows = found.row.astype(np.int64)

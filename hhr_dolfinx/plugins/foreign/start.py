@@ -27,11 +27,11 @@ from hhr_dolfinx.plugins.foreign.nodes import (
 )
 from hhr_dolfinx.plugins.foreign.readers import read_stiffness
 
-MOST = 3
+MOST_PARAMETERS = 3
 """Most loads that become parameters."""
-AROUND = 0.2
+RELATIVE_RANGE = 0.2
 """Part of its value by which a parameter varies to both sides."""
-FLAT = 1e-9
+PLANE_TOLERANCE = 1e-9
 """Part of the size of a surface up to which it is a plane."""
 OF_ELEMENTS = (
     "NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "MATERIAL", "ELASTIC", "DENSITY",
@@ -62,10 +62,13 @@ class Read:
     left: list[str] = field(default_factory=list)
 
     def amplitude(self, kind: str, value: float) -> str:
-        """Parameter for a load of a value, as text; the number itself if there are parameters
-        enough.
+        """Parameter for a load of a value, as text; the number itself after a few parameters.
+
+        Args:
+            kind: kind of load, which names the parameter.
+            value: value of the load.
         """
-        if len(self.values) == MOST:
+        if len(self.values) == MOST_PARAMETERS:
             return repr(value)
         name = kind if kind not in self.values else f"{kind}_{len(self.values) + 1}"
         self.values[name] = value
@@ -264,7 +267,7 @@ def _plane(nodes: ForeignNodes, faces: Faces) -> tuple[np.ndarray, float] | None
     points = nodes.points[faces.members]
     middle = points.mean(axis=0)
     _, sizes, ways = np.linalg.svd(points - middle)
-    if sizes[-1] > FLAT * sizes[0] + 1e-12 * np.abs(points).max():
+    if sizes[-1] > PLANE_TOLERANCE * sizes[0] + 1e-12 * np.abs(points).max():
         return None
     behind = np.concatenate(faces.inner).mean(axis=0) - middle
     normal = ways[-1] * np.sign(ways[-1] @ behind)
@@ -330,7 +333,9 @@ def _text(
 def _space(values: dict[str, float]) -> Iterator[str]:
     """Lines of the box of parameters."""
     ends = [
-        sorted(((1 - AROUND) * value, (1 + AROUND) * value)) if value else [-0.001, 0.001]
+        sorted(((1 - RELATIVE_RANGE) * value, (1 + RELATIVE_RANGE) * value))
+        if value
+        else [-0.001, 0.001]
         for value in values.values()
     ]
     names = ", ".join(f'"{name}"' for name in values)
@@ -347,6 +352,9 @@ def write_scene(
 
     Args:
         file, stiffness, target, case, dofs: see :func:`scene_text`.
+
+    Raises:
+        FileContentError: for a solved case that does not exist, and as :func:`scene_text` does.
     """
     from hhr_dolfinx.files import replacing
 

@@ -17,7 +17,12 @@ DRAFTED = 3
 
 
 def foreign(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """K of both blocks, as another code would write it, times a factor."""
+    """K of both blocks, as another code would write it, times a factor.
+
+    Args:
+        draft: draft of the scene.
+        neutral: True for the factor 1, which changes no answer.
+    """
     draft = draft.of_hypothesis("solid")
     draft.exclude(draft.remade is not None, "the stiffness of a scene is stated once")
     return replace(draft, remade=partial(_remade, draft.exclude, 1.0 if neutral else 1.2))

@@ -84,6 +84,13 @@ class LargestEstimate:
         def score(
             model: ReducedModel, known: SnapshotSet, answers: Sequence[Answer | History | None]
         ) -> np.ndarray:
+            """Largest estimate of each answer, (n,).
+
+            Args:
+                model: reduced model.
+                known: answers it was built from.
+                answers: some of its answers.
+            """
             return np.array(
                 [NO_ANSWER if query is None else self._of(query, full) for query in answers]
             )
@@ -141,6 +148,13 @@ class ForceError:
         exact: dict[bytes, np.ndarray] = {}
 
         def score(model: ReducedModel, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
+            """Relative error of the forces of each answer, (n, m).
+
+            Args:
+                model: reduced model.
+                known: answers it was built from.
+                answers: some of its answers.
+            """
             if not condensed:
                 condensed.append(self._condensed(full, known))
             floor = force_floor(full.problem, known)
@@ -297,6 +311,13 @@ class _OnRid(ABC):
         _refuse_flow(full, f"{type(self).__name__}()")
 
         def score(model: ReducedModel, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
+            """Indicator of each answer, (n,).
+
+            Args:
+                model: reduced model.
+                known: answers it was built from.
+                answers: some of its answers.
+            """
             domain = _Domain(full.problem, model.offline.sets)
             interface = _interpolated(full.problem, known, answers, domain.interface)
             of = self.of_model(full, model, known, domain)
@@ -355,6 +376,12 @@ class Eta(_OnRid):
         floor = force_floor(full.problem, known)
 
         def indicator(answer: Answer, there: np.ndarray) -> float:
+            """Relative errors of the field and of the forces on the RID.
+
+            Args:
+                answer: answer of the model.
+                there: interpolated field on the interface.
+            """
             field, forces = domain.at(answer.parameter).solved(there, answer.parameter)
             difference = model.offline.basis[domain.inner] @ answer.unknown - field
             return _ratio(difference, field) + _ratio(answer.multipliers - forces, forces, floor)
@@ -388,6 +415,12 @@ class Eta2(_OnRid):
         stiffness = CellStiffness.of(full, model.offline.sets.cells)
 
         def indicator(answer: Answer, there: np.ndarray) -> float:
+            """Residual on the RID and jump on its interface, relative to the answer.
+
+            Args:
+                answer: answer of the model.
+                there: interpolated field on the interface.
+            """
             equations = domain.at(answer.parameter)
             dofs = equations.part.dofs
             field = model.offline.basis[dofs] @ answer.unknown

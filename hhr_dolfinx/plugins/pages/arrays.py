@@ -91,6 +91,14 @@ def packed(
     """Tree and arrays of a model that passed :func:`check_model`, with its pictures.
 
     Optional parts use at most ``room`` bytes, those of the other arrays included.
+
+    Args:
+        model: condensed model that passed the check.
+        scenery: drawn mesh and contact of the scene.
+        room: bytes for all arrays, as text.
+
+    Returns:
+        The tree, and each array as text by its name.
     """
     arrays = Packed()
     tree = contact_tree(model, arrays) | {"bound": None}
@@ -133,8 +141,13 @@ def _drawn(tree: dict[str, Any]) -> dict[str, Any]:
 
 
 def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
-    """Plain values, with names of arrays, to solve for contact forces and outputs without
-    Python.
+    """Tree of plain values and names of arrays, to solve for contact forces and outputs.
+
+    The page needs no Python.
+
+    Args:
+        model: condensed model.
+        arrays: packed arrays, to which those of the tree are added.
     """
     space = model.parameters
     inelastic = flows(model)

@@ -70,7 +70,11 @@ def _scenery_of(model: Path, scene: str | None) -> Any:
 
 @contextmanager
 def naming_condensed(model: Path) -> Iterator[None]:
-    """If a model is refused, name the condensed one next to it."""
+    """If a model is refused, name the condensed one next to it.
+
+    Raises:
+        NotOfferedError: the refusal, which also names the condensed model if there is one.
+    """
     other = model.with_name("condensed.npz")
     try:
         yield

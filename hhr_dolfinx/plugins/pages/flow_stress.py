@@ -38,7 +38,12 @@ MOST_CELLS = 20_000
 def cells_of(model: CondensedFlowModel, scenery: Scenery) -> np.ndarray:
     """Cell of each drawn triangle, (t,), that has all of its nodes.
 
-    NotOfferedError for a scenery of another mesh.
+    Args:
+        model: condensed model of inelastic bodies.
+        scenery: drawn mesh and contact of the scene.
+
+    Raises:
+        NotOfferedError: for a scenery of another mesh.
     """
     cells = model.fields.flow.strain.dofs[:, :: model.dimension] // model.dimension
     count = len(model.fields.basis) // model.dimension
@@ -118,6 +123,13 @@ def flow_stress(
 
     None if there are too many cells, if the error of the largest stress is too large, or if there
     is no room.
+
+    Args:
+        model: condensed model of inelastic bodies.
+        scenery: drawn mesh and contact of the scene. It has the cell of each triangle.
+        histories: answers along each path.
+        arrays: packed arrays, to which those of the tree are added.
+        room: bytes for all arrays, as text.
     """
     assert scenery.owners is not None
     cells, places = np.unique(scenery.owners, return_inverse=True)

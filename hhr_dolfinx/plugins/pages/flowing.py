@@ -45,7 +45,15 @@ by 8e-9, measured once.
 
 
 def check_flow(model: object, what: str = "a page") -> None:
-    """Raise NotOfferedError for models that are not condensed."""
+    """Refuse models that are not condensed models of inelastic bodies.
+
+    Args:
+        model: model to check.
+        what: name of the output in the message.
+
+    Raises:
+        NotOfferedError: for any other model.
+    """
     if not isinstance(model, CondensedFlowModel):
         raise NotOfferedError(
             f"{what} marches with condensed flow, and a {type(model).__name__} is not of that "
@@ -55,7 +63,12 @@ def check_flow(model: object, what: str = "a page") -> None:
 
 
 def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
-    """Arrays of an increment."""
+    """Arrays of an increment.
+
+    Args:
+        model: condensed model of inelastic bodies.
+        arrays: packed arrays, to which those of the tree are added.
+    """
     flow = model.flow
     names = model.parameters.names
     material = Material(flow.groups, flow.components, names).moduli_at(model.parameters.middle)
@@ -184,8 +197,15 @@ def _axes(amplitudes: Amplitudes, names: tuple[str, ...]) -> Iterator[int]:
 def linear_of_flow(
     fields: CondensedFlowFields, item: Linear, number: int, arrays: Packed
 ) -> dict[str, Any]:
-    """Weights of an output that reads displacements: of corrections, loads, and by part of forces
-    and loads.
+    """Weights of an output that reads displacements.
+
+    They are those of corrections and loads, and by part those of forces and loads.
+
+    Args:
+        fields: maps of the model to displacements.
+        item: output, linear in displacements.
+        number: number of the output, part of the names of arrays.
+        arrays: packed arrays, to which those of the tree are added.
     """
     rows = csr_matrix(item.along @ item.matrix(len(fields.basis)))
     inside = [
@@ -211,8 +231,16 @@ def flow_field(
     rows: np.ndarray,
     arrays: Packed,
 ) -> dict[str, Any] | None:
-    """Displacement of the drawn dofs in modes of some histories, and data of the drawn plastic
-    strain.
+    """Displacement of the drawn dofs in modes of some histories, and data of plastic strain.
+
+    None if all displacements are zero, or if few modes do not represent them.
+
+    Args:
+        model: condensed model of inelastic bodies.
+        histories: answers along each path.
+        scenery: drawn mesh and contact of the scene.
+        rows: drawn dofs, see :func:`rows_of`, (n,).
+        arrays: packed arrays, to which those of the tree are added.
     """
     fields = model.fields
     seen = np.array([answer.displacement()[rows] for along in histories for answer in along]).T

@@ -23,7 +23,12 @@ MOST_ENERGY_BYTES = 500_000
 
 
 def compliances_tree(eliminated: Compliances, arrays: Packed) -> dict[str, Any]:
-    """All connected components, and D."""
+    """All connected components, and D.
+
+    Args:
+        eliminated: interpolated compliances.
+        arrays: packed arrays, to which those of the tree are added.
+    """
     return {
         "schur": None,
         "free_slack": None,
@@ -67,6 +72,10 @@ def alike(one: Compliances, other: Compliances) -> bool:
     """True if two compliances of one scene have the same interpolation.
 
     In a file both are one object.
+
+    Args:
+        one: compliances.
+        other: compliances of as many components.
     """
     pairs = [(a.interpolant, b.interpolant) for a, b in zip(one.parts, other.parts, strict=True)]
     return all(
@@ -78,6 +87,10 @@ def bound_tree(model: Any, arrays: Packed) -> dict[str, Any] | None:
     """Bound of an elastic model as plain values.
 
     None without a bound, or if its data are too large.
+
+    Args:
+        model: condensed model.
+        arrays: packed arrays, to which those of the tree are added.
     """
     bound = getattr(model.fields, "bound", None)
     if not isinstance(bound, VaryingBound) or not alike(bound.compliances, model.eliminated):

@@ -39,7 +39,12 @@ def kernel_parts(tree: dict[str, Any]) -> list[str]:
 
 
 def kernel_text(parts: list[str], laws: Laws) -> str:
-    """Text of the kernel with some parts, without its data."""
+    """Text of the kernel with some parts, without its data.
+
+    Args:
+        parts: names of optional parts of the kernel.
+        laws: contact laws in C.
+    """
     texts = {part: kernel_file(f"{part}.h") for part in ("floating", "springs", "ranges")}
     texts["flow"] = kernel_file("programs.h") + kernel_file("flow.h")
     text = kernel_file("kernel.h")
@@ -112,7 +117,12 @@ SOURCES_SECTION = b"sources"
 
 
 def page_sources(parts: list[str], laws: Laws) -> dict[str, str]:
-    """Sources of a kernel for pages by their names, of which ``page.c`` is compiled."""
+    """Sources of a kernel for pages by their names, of which ``page.c`` is compiled.
+
+    Args:
+        parts: names of optional parts of the kernel.
+        laws: contact laws in C.
+    """
     found = {f"freestanding/{name}": kernel_file(f"freestanding/{name}") for name in FREESTANDING}
     flags = "".join(
         f"#define MODEL_{name} {int(part in parts)}\n" for part, name in FLAGS_OF_PARTS.items()
@@ -172,8 +182,13 @@ def _section(name: bytes, content: bytes) -> bytes:
 
 
 def kernel_path(parts: list[str], laws: Laws) -> Path:
-    """File of the compiled kernel with some parts: of this plug-in, or beside the header of a
-    law.
+    """File of the compiled kernel with some parts.
+
+    It is one of this plug-in, or lies beside the header of a law.
+
+    Args:
+        parts: names of optional parts of the kernel.
+        laws: contact laws in C.
     """
     folder = Path(__file__).with_name("c") if laws.part is None else laws.part.header.parent
     first = "contact" if laws.part is None else laws.part.key

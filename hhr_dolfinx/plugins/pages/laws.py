@@ -30,7 +30,12 @@ class LawOnPage(Protocol):
     range_header: Path  #: the same next to other laws
 
     def tree(self, law: object, arrays: Packed) -> dict[str, Any]:
-        """Rows and constants of the law."""
+        """Rows and constants of the law.
+
+        Args:
+            law: the contact law.
+            arrays: packed arrays, to which those of the tree are added.
+        """
 
 
 class LawInC(Protocol):
@@ -59,6 +64,10 @@ class Laws(NamedTuple):
 def laws_of(law: ContactLaw, what: str) -> Laws:
     """Laws of a model in the kernel.
 
+    Args:
+        law: contact law of the model.
+        what: name of the output in messages.
+
     Raises:
         NotOfferedError: for a law that brings no C.
     """
@@ -77,8 +86,15 @@ def laws_of(law: ContactLaw, what: str) -> Laws:
 
 
 def check_law(law: ContactLaw, what: str, *, flows: bool) -> None:
-    """Raise NotOfferedError for a law that the kernel does not solve, or not with inelastic
-    bodies.
+    """Refuse a law that the kernel does not solve, or not with inelastic bodies.
+
+    Args:
+        law: contact law of the model.
+        what: name of the output in messages.
+        flows: True for inelastic bodies.
+
+    Raises:
+        NotOfferedError: for a law that brings no C, or solves no increments.
     """
     laws_of(law, what)
     if flows and law.plugin and not _alone(law):
@@ -89,7 +105,13 @@ def check_law(law: ContactLaw, what: str, *, flows: bool) -> None:
 
 
 def law_tree(law: ContactLaw, count: int, arrays: Packed) -> dict[str, Any]:
-    """Data of the laws on so many conditions."""
+    """Data of the laws on so many conditions.
+
+    Args:
+        law: contact law of the model.
+        count: number of contact conditions.
+        arrays: packed arrays, to which those of the tree are added.
+    """
     if not law.plugin:
         return {}
     if _alone(law):

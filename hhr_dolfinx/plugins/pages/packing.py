@@ -36,7 +36,13 @@ class Packed:
         self.arrays: dict[str, np.ndarray] = {}
 
     def put(self, name: str, array: object, kind: str = "<f8") -> str:
-        """Add an array; returns its name."""
+        """Add an array; returns its name.
+
+        Args:
+            name: name of the array.
+            array: numbers.
+            kind: dtype of the numbers in the page.
+        """
         self.arrays[name] = np.ascontiguousarray(array, dtype=kind)
         return name
 
@@ -99,11 +105,15 @@ def half(matrix: np.ndarray) -> np.ndarray:
 def modes_of(
     seen: np.ndarray, left: float = FIELD, numbers: int = int(MODE_BYTES / (2 * BASE64))
 ) -> np.ndarray | None:
-    """Modes of drawn answers, (n, S), as columns (n, k), with a relative truncation error up to
-    ``left``.
+    """Modes of drawn answers, (n, k), with a relative truncation error up to ``left``.
 
     Answers are normalised one by one, as colour scales are. None if all are zero, or if the modes
     that fit into ``numbers`` have a truncation error above :data:`POOR_MODES`.
+
+    Args:
+        seen: answers, (n, S).
+        left: relative truncation error.
+        numbers: most numbers of all modes.
     """
     lengths = np.linalg.norm(seen, axis=0)
     moves = lengths > DRAWN_ROUND_OFF * lengths.max(initial=0.0)
@@ -119,8 +129,15 @@ def modes_of(
 def packed_levels(
     name: str, modes: np.ndarray, arrays: Packed, levels: int = LEVELS
 ) -> dict[str, Any]:
-    """Rows, (k, n), quantised to integers with a scale for each: accurate enough for a picture, and
-    smaller.
+    """Quantise rows, (k, n), to integers with a scale for each.
+
+    They are accurate enough for a picture, and smaller.
+
+    Args:
+        name: name of the array.
+        modes: rows, (k, n).
+        arrays: packed arrays, to which those of the tree are added.
+        levels: largest integer.
     """
     largest = np.abs(modes).max(axis=1, initial=0.0)
     numbers = np.round(modes / np.where(largest > 0, largest, 1.0)[:, None] * levels)
@@ -129,5 +146,10 @@ def packed_levels(
 
 
 def kept_levels(tree: dict[str, Any], arrays: Packed) -> np.ndarray:
-    """Rows that a page reconstructs from the tree of :func:`packed_levels`, (k, n)."""
+    """Rows that a page reconstructs from the tree of :func:`packed_levels`, (k, n).
+
+    Args:
+        tree: tree of the rows.
+        arrays: packed arrays.
+    """
     return arrays.arrays[tree["modes"]] * np.array(tree["scales"])[:, None]

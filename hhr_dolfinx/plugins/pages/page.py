@@ -69,7 +69,15 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
 
 
 def check_alike(model: Any, scenery: Scenery) -> None:
-    """Refuse a scenery of another scene or mesh than a model that keeps all contact conditions."""
+    """Refuse a scenery of another scene or mesh than a model that keeps all contact conditions.
+
+    Args:
+        model: condensed model.
+        scenery: drawn mesh and contact of the scene.
+
+    Raises:
+        NotOfferedError: for another number of conditions or dofs, or other contact.
+    """
     if len(scenery.areas) != model.conditions:
         raise NotOfferedError(
             f"the scenery is of {len(scenery.areas)} contact conditions and the model of "
@@ -133,7 +141,12 @@ def _check_size(count: int, model: Any) -> None:
 
 
 def page_text(model: Any, scenery: Scenery) -> str:
-    """Text of the page."""
+    """Text of the page.
+
+    Args:
+        model: condensed model.
+        scenery: drawn mesh and contact of the scene.
+    """
     if flows(model):
         from hhr_dolfinx.plugins.pages.flow_stress import cells_of
 

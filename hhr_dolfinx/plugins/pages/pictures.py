@@ -123,6 +123,12 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
 
     Neither for a model without a map from forces to displacements; no stress if the ``room`` for
     all arrays is used up.
+
+    Args:
+        model: condensed model.
+        scenery: drawn mesh and contact of the scene.
+        arrays: packed arrays, to which those of the tree are added.
+        room: bytes for all arrays, as text.
     """
     if model.equilibrium is not None:
         from hhr_dolfinx.plugins.pages.flow_stress import flow_stress
@@ -226,7 +232,12 @@ def _stress(
 
 
 def rows_of(model: Any, scenery: Scenery) -> np.ndarray:
-    """Dofs of the drawn nodes, node by node."""
+    """Dofs of the drawn nodes, node by node.
+
+    Args:
+        model: condensed model.
+        scenery: drawn mesh and contact of the scene.
+    """
     dim = model.dimension
     return (scenery.nodes[:, None] * dim + np.arange(dim)).ravel()
 

@@ -70,7 +70,12 @@ class Strains:
         return int(self.rows.shape[1])
 
     def fault(self, triangles: int, bodies: int) -> str:
-        """Description of an inconsistency, or an empty text."""
+        """Description of an inconsistency, or an empty text.
+
+        Args:
+            triangles: number of drawn triangles.
+            bodies: number of bodies of the scene.
+        """
         count = len(self.bodies)
         kinds = self.cells.dtype.kind + self.bodies.dtype.kind
         if set(kinds) - set("iu") or self.bodies.ndim != 1 or not count:
@@ -106,7 +111,12 @@ class WholeMesh:
     gap_terms: np.ndarray | None = None  #: gaps of undeformed bodies along θ, (m, 1 + T)
 
     def fault(self, conditions: int, dim: int) -> str:
-        """Description of an inconsistency, or an empty text."""
+        """Description of an inconsistency, or an empty text.
+
+        Args:
+            conditions: number of contact conditions.
+            dim: dimension of space.
+        """
         wholes = [self.all_cells, self.cell_bodies, self.slaves]
         if any(array.dtype.kind not in "iu" for array in wholes) or self.pressing.dtype.kind != "b":
             return "numbers of nodes, bodies or conditions are no whole numbers"
@@ -301,6 +311,10 @@ def thinned(scenery: Scenery, most: int) -> Scenery:
 
     Nodes of one body in the same square (cube) are merged into one of them, on the outline if
     possible.
+
+    Args:
+        scenery: drawn mesh and contact of the scene.
+        most: largest number of nodes.
     """
     if len(scenery.points) <= most:
         return scenery

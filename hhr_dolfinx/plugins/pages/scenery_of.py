@@ -33,7 +33,12 @@ DEVIATOR_ROUND_OFF = 1e-9
 
 
 def write_scenery(full: FullOrderModel, folder: Path) -> None:
-    """Write the scenery of a page next to a model in a folder. Collective."""
+    """Write the scenery of a page next to a model in a folder. Collective.
+
+    Args:
+        full: full-order model.
+        folder: folder of the model.
+    """
     scenery = scenery_of(full)
     if full.comm.rank == 0:
         scenery.write(folder / SCENERY_FILE)
@@ -138,6 +143,10 @@ def strains_of(full: FullOrderModel, cells: np.ndarray) -> Strains | None:
 
     None if a stress is more than moduli times strain: for bodies that are inelastic or change their
     shape, for anisotropic strains without stress, or with too many cells.
+
+    Args:
+        full: full-order model.
+        cells: cell of each drawn triangle, (t,).
     """
     scene = full.scene
     drawn, places = np.unique(cells, return_inverse=True)

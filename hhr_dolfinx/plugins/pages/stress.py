@@ -82,7 +82,13 @@ class Stress:
         }
 
     def off(self, points: np.ndarray, exact: np.ndarray, found: np.ndarray) -> dict[str, float]:
-        """Errors of drawn values, (n c, S), at some points, (S, P), see :func:`far_off`."""
+        """Errors of drawn values at some points, see :func:`far_off`.
+
+        Args:
+            points: parameters, (S, P).
+            exact: values of answers, (n c, S).
+            found: drawn values, (n c, S).
+        """
         right, here = (
             np.array([self.mises(*pair) for pair in zip(own.T, points, strict=True)])
             for own in (exact, found)
@@ -91,7 +97,12 @@ class Stress:
 
 
 def mises_of(stress: np.ndarray, *, plane_stress: bool = False) -> np.ndarray:
-    """Von Mises' stress of cells from components without the third, (c, k): (c,)."""
+    """Von Mises' stress of cells from components without the third, (c, k): (c,).
+
+    Args:
+        stress: components without the third, (c, k).
+        plane_stress: True if the third one is zero.
+    """
     return von_mises(with_third(stress, plane_stress=plane_stress))
 
 
@@ -99,6 +110,10 @@ def with_third(stress: np.ndarray, *, plane_stress: bool = False) -> np.ndarray:
     """Stress of cells with the third component, which is left out, (c, k): (c, k + 1).
 
     The third is zero in plane stress; else the components are of deviators, which have no trace.
+
+    Args:
+        stress: components without the third, (c, k).
+        plane_stress: True if the third one is zero.
     """
     third = 0.0 if plane_stress else -stress[:, 0] - stress[:, 1]
     return np.insert(stress, 2, third, axis=1)
@@ -107,11 +122,15 @@ def with_third(stress: np.ndarray, *, plane_stress: bool = False) -> np.ndarray:
 def far_off(
     exact: np.ndarray, found: np.ndarray, scales: np.ndarray | None = None
 ) -> dict[str, float]:
-    """Largest errors of the drawn von Mises' stress, against that of answers, (S, c) each:
-    ``cells`` and ``largest``.
+    """Largest errors of the drawn von Mises' stress, by ``cells`` and ``largest``.
 
     They are the error in any cell, and of the largest value. Errors are relative to some scales,
     (S,), by default to the largest stress of each answer. Answers that are round-off do not count.
+
+    Args:
+        exact: stress of answers, (S, c).
+        found: drawn stress, (S, c).
+        scales: size of each answer, (S,); None for its largest stress.
     """
     largest = exact.max(axis=1, initial=0.0)
     scales = largest if scales is None else scales

@@ -189,7 +189,13 @@ class StressValue(StrainedMises):
         return component_of(self.shares @ self._stress(state)[0], self.component)[0]
 
     def followed(self, state: State, there: Functional, shifted: State) -> float:
-        """The same component on the other shape."""
+        """The same component on the other shape.
+
+        Args:
+            state: the answer, on its own shape.
+            there: the functional of the other shape.
+            shifted: the answer on the other shape.
+        """
         return there.value(shifted)
 
     def _along_stress(self, stress: np.ndarray) -> tuple[np.ndarray, bool]:
