@@ -61,11 +61,11 @@ def condense_blocks(
     surfaces: list[list[Any]] = [[parts.surface(tag) for tag in item.tags] for item in contacts]
     made = [item.rows(own, held.size) for item, own in zip(contacts, surfaces, strict=True)]
     rows = joined(made)
-    pairs = np.repeat(np.arange(len(made)), [len(one.gap) for one in made])
+    pairs = np.repeat(np.arange(len(made)), [len(rows_of_pair.gap) for rows_of_pair in made])
     columns, gaps, amplitudes = _terms(parts, loads, openings, rows, pairs)
     _check_known(parts, held, rows, columns)
     factors = [float(Formula(block.formula)({})) for block in foreign.blocks]
-    stiffness = sum(factor * one for factor, one in zip(factors, parts.matrices, strict=True))
+    stiffness = sum(factor * matrix for factor, matrix in zip(factors, parts.matrices, strict=True))
     return condense_matrices(
         parameters,
         csr_matrix(stiffness)[free][:, free],

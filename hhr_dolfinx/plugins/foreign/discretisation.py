@@ -199,7 +199,7 @@ class ForeignDiscretisation(Discretisation):
         """
         parts = self.parts
         label = components_of_nodes(len(problem.points), problem.cell_nodes)
-        motions = np.hstack([one.motions for one in parts.made]).reshape(6, -1, 3)
+        motions = np.hstack([placed.motions for placed in parts.made]).reshape(6, -1, 3)
         fixed = ~problem.prolongation.movable & parts.known
         if self.springs is not None:
             fixed |= self.springs != 0

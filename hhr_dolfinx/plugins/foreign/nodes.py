@@ -247,9 +247,9 @@ def _of_solids(
     index = {label: k for k, label in enumerate(labels)}
     points = np.array([places[label] for label in labels], dtype=float).reshape(-1, 3)
     rows = {
-        n: [index[label] for label in own]
-        for n, own in elements.items()
-        if all(one in index for one in own)
+        n: [index[label] for label in nodes]
+        for n, nodes in elements.items()
+        if all(label in index for label in nodes)
     }
     stands = np.array([original.get(label, label) for label in labels], dtype=np.int64)
     surfaces = {}
@@ -257,17 +257,19 @@ def _of_solids(
         if (faces := _faces(deck, given, rows, points)) is not None:
             surfaces[deck.spelling["surface", name]] = faces
     for name, members in deck.unions.items():
-        own = [surfaces.get(deck.spelling.get(("surface", member), "")) for member in members]
-        if parts := [one for one in own if one is not None]:
-            surfaces[deck.spelling["surface", name]] = joined_faces(parts)
+        candidates = [
+            surfaces.get(deck.spelling.get(("surface", member), "")) for member in members
+        ]
+        if present := [faces for faces in candidates if faces is not None]:
+            surfaces[deck.spelling["surface", name]] = joined_faces(present)
     by_deck: dict[int, list[int]] = {}
     for k, label in enumerate(stands.tolist()):
         by_deck.setdefault(label, []).append(k)
     sets = {
-        deck.spelling["nset", name]: np.unique([k for n in own for k in by_deck.get(n, ())]).astype(
+        deck.spelling["nset", name]: np.unique([k for n in numbers for k in by_deck.get(n, ())]).astype(
             np.int64
         )
-        for name, own in deck.node_sets.items()
+        for name, numbers in deck.node_sets.items()
     }
     carries = np.array([label not in idle for label in labels])
     outer = outer_faces(list(rows.values()), points) if rows else None

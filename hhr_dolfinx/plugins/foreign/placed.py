@@ -180,9 +180,9 @@ def _retained(nodes: ForeignNodes, given: ForeignMatrix) -> ForeignNodes:
     def of(faces: Faces) -> Faces | None:
         held = [(number[part] >= 0).all(axis=1) for part in faces.nodes]
         pairs = [
-            (number[part[own]], behind[own])
-            for part, behind, own in zip(faces.nodes, faces.inner, held, strict=True)
-            if own.any()
+            (number[part[complete]], behind[complete])
+            for part, behind, complete in zip(faces.nodes, faces.inner, held, strict=True)
+            if complete.any()
         ]
         return (
             Faces(tuple(part for part, _ in pairs), tuple(behind for _, behind in pairs))
@@ -190,13 +190,13 @@ def _retained(nodes: ForeignNodes, given: ForeignMatrix) -> ForeignNodes:
             else None
         )
 
-    surfaces = {name: made for name, own in nodes.surfaces.items() if (made := of(own)) is not None}
-    sets = {name: number[own][number[own] >= 0] for name, own in nodes.sets.items()}
+    surfaces = {name: made for name, faces in nodes.surfaces.items() if (made := of(faces)) is not None}
+    sets = {name: number[members][number[members] >= 0] for name, members in nodes.sets.items()}
     outer = None if nodes.outer is None else of(nodes.outer)
     labels = nodes.labels[kept]
     points = nodes.points[kept]
     return ForeignNodes(
-        labels, points, surfaces, {name: own for name, own in sets.items() if own.size}, outer=outer
+        labels, points, surfaces, {name: members for name, members in sets.items() if members.size}, outer=outer
     )
 
 

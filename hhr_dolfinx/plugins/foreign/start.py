@@ -281,13 +281,13 @@ def _text(
     """The scene file; ``files`` are arguments of the block."""
     folder = target.absolute().parent
 
-    def path(one: Path) -> str:
-        return f'HERE / "{Path(os.path.relpath(one.absolute(), folder)).as_posix()}"'
+    def path(location: Path) -> str:
+        return f'HERE / "{Path(os.path.relpath(location.absolute(), folder)).as_posix()}"'
 
     stem = re.sub(r"\W", "_", file.stem)
     stem = stem if stem.isidentifier() else f"deck_{stem}"
     block = [f"{path(stiffness)},", f"{path(file)},"]
-    block += [f"{name}={path(one)}," for name, one in files.items() if one is not None]
+    block += [f"{name}={path(location)}," for name, location in files.items() if location is not None]
     block += ["unchecked=True,"] if files["case"] is None else []
     if not read.values:
         read.values["lift"] = 0.0
@@ -314,12 +314,12 @@ def _text(
         "",
         "HERE = Path(__file__).parent",
     ]
-    lines += [f"# {left}" for left in read.left]
+    lines += [f"# {todo}" for todo in read.left]
     lines += [
         "",
         "foreign = hhr.ForeignStiffness(",
         "    hhr.ForeignBlock(",
-        *(f"        {one}" for one in block),
+        *(f"        {line}" for line in block),
     ]
     lines += ["    )", ")", "scene = foreign.scene(", f'    "{stem}",']
     parts = {"contacts": read.contacts, "displacements": read.displacements, "loads": read.loads}

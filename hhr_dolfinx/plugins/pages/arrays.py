@@ -116,28 +116,34 @@ def _kernel(model: Any, tree: dict[str, Any], arrays: Packed) -> dict[str, Any]:
     code = np.frombuffer(
         kernel_of(kernel_parts(tree), laws_of(model.law, "a page")), dtype=np.uint8
     )
-    own = encoded(kernel_data(tree, arrays.arrays, (tree["lower"], tree["upper"])))
-    return own | {"code": arrays.put("kernel", code, "<u1")}
+    data = encoded(kernel_data(tree, arrays.arrays, (tree["lower"], tree["upper"])))
+    return data | {"code": arrays.put("kernel", code, "<u1")}
 
 
 def _drawn(tree: dict[str, Any]) -> dict[str, Any]:
     """What a page reads of a tree itself; the rest is data of the kernel."""
-    found = {key: value for key, value in tree.items() if key not in _OF_KERNEL}
-    found["outputs"] = [{key: item[key] for key in ("name", "unit")} for item in tree["outputs"]]
-    own = ("terms", "forced", "factor", "weights")  # of the bound
-    found["parts"] = (
-        [{key: part[key] for key in own} for part in tree["parts"]] if tree["bound"] else []
+    drawn_tree = {key: value for key, value in tree.items() if key not in _OF_KERNEL}
+    drawn_tree["outputs"] = [
+        {key: output[key] for key in ("name", "unit")} for output in tree["outputs"]
+    ]
+    of_bound = ("terms", "forced", "factor", "weights")  # of the bound
+    drawn_tree["parts"] = (
+        [{key: component[key] for key in of_bound} for component in tree["parts"]]
+        if tree["bound"]
+        else []
     )
     if tree["ranges"]:
-        found["ranges"] = {"remembers": tree["ranges"]["remembers"]}
+        drawn_tree["ranges"] = {"remembers": tree["ranges"]["remembers"]}
     if tree["friction"]:
-        found["friction"] = {key: value for key, value in tree["friction"].items() if key != "laws"}
+        drawn_tree["friction"] = {
+            key: value for key, value in tree["friction"].items() if key != "laws"
+        }
     if tree["flow"]:
-        kept = ("points", "elastic", "grading")
-        groups = [{key: group[key] for key in kept} for group in tree["flow"]["groups"]]
-        found["flow"] = {key: tree["flow"][key] for key in ("parts", "per_mode", "unforeseen")}
-        found["flow"]["groups"] = groups
-    return found
+        of_groups = ("points", "elastic", "grading")
+        groups = [{key: group[key] for key in of_groups} for group in tree["flow"]["groups"]]
+        drawn_tree["flow"] = {key: tree["flow"][key] for key in ("parts", "per_mode", "unforeseen")}
+        drawn_tree["flow"]["groups"] = groups
+    return drawn_tree
 
 
 def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
@@ -186,8 +192,10 @@ def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
 
 
 def _amplitudes_of(model: Any) -> Amplitudes:
-    found: Amplitudes = model.fields.amplitudes if flows(model) else model.eliminated.amplitudes
-    return found
+    amplitudes: Amplitudes = (
+        model.fields.amplitudes if flows(model) else model.eliminated.amplitudes
+    )
+    return amplitudes
 
 
 def _limit(limit: Limits) -> dict[str, Any]:
@@ -201,32 +209,32 @@ def _limit(limit: Limits) -> dict[str, Any]:
 
 
 def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Any]:
-    others = []
-    for number, item in enumerate(amplitudes.nonaffine):
-        if isinstance(item, Coverage):
-            own = {
-                "positions": arrays.put(f"positions{number}", item.positions),
-                "extent": item.extent,
+    nonaffine = []
+    for number, amplitude in enumerate(amplitudes.nonaffine):
+        if isinstance(amplitude, Coverage):
+            coverage = {
+                "positions": arrays.put(f"positions{number}", amplitude.positions),
+                "extent": amplitude.extent,
             }
-            own |= {
-                "constant": item.constant,
-                "slopes": item.slopes.tolist(),
-                "degree": item.degree,
+            coverage |= {
+                "constant": amplitude.constant,
+                "slopes": amplitude.slopes.tolist(),
+                "degree": amplitude.degree,
             }
-            others.append({"kind": "coverage", **own})
-        elif isinstance(item, Scalar):
-            others.append({"kind": "formula", "steps": steps_of(item)})
-        elif (scalars := getattr(item, "scalars", lambda: None)()) is not None:
-            others += [{"kind": "formula", "steps": steps_of(scalar)} for scalar in scalars]
+            nonaffine.append({"kind": "coverage", **coverage})
+        elif isinstance(amplitude, Scalar):
+            nonaffine.append({"kind": "formula", "steps": steps_of(amplitude)})
+        elif (scalars := getattr(amplitude, "scalars", lambda: None)()) is not None:
+            nonaffine += [{"kind": "formula", "steps": steps_of(scalar)} for scalar in scalars]
         else:
             raise NotOfferedError(
-                f"a page knows no amplitude of kind {type(item).__name__}, which is no formula: "
-                "give the model file"
+                f"a page knows no amplitude of kind {type(amplitude).__name__}, which is no "
+                "formula: give the model file"
             )
     return {
         "constant": arrays.put("constant", amplitudes.constant),
         "slopes": arrays.put("slopes", amplitudes.slopes),
-        "others": others,
+        "others": nonaffine,
     }
 
 
@@ -255,32 +263,39 @@ def _floating(motions: Any, arrays: Packed) -> dict[str, Any]:
 
 def _outputs(model: Any, arrays: Packed) -> tuple[list[dict[str, Any]], list[str]]:
     fields = model.fields
-    items = () if fields.functionals is None else fields.functionals.items
-    found = []
+    functionals = () if fields.functionals is None else fields.functionals.items
+    outputs = []
     missing = []
-    for number, item in enumerate(items):
+    for number, functional in enumerate(functionals):
         # from forces at constant shape, or from displacements with known maps
-        known = not item.count or isinstance(fields, ExactFields) or flows(model)
-        if _is_quadratic(model, item):
-            half_of_it = arrays.put(f"output{number}_half", half(_second_derivatives(model, item)))
-            found.append(
-                {"name": item.name, "unit": item.unit, "kind": "quadratic", "half": half_of_it}
+        has_maps = not functional.count or isinstance(fields, ExactFields) or flows(model)
+        if _is_quadratic(model, functional):
+            half_of_it = arrays.put(
+                f"output{number}_half", half(_second_derivatives(model, functional))
+            )
+            outputs.append(
+                {
+                    "name": functional.name,
+                    "unit": functional.unit,
+                    "kind": "quadratic",
+                    "half": half_of_it,
+                }
             )
             continue
         if (
             np.size(fields.functionals.axes)
-            or not isinstance(item, Linear | Largest | Loaded)
-            or not known
+            or not isinstance(functional, Linear | Largest | Loaded)
+            or not has_maps
         ):
-            missing.append(item.name)
+            missing.append(functional.name)
             continue
-        own = (
-            _linear(model, item, number, arrays)
-            if isinstance(item, Linear)
-            else _of_forces(item, number, arrays)
+        described = (
+            _linear(model, functional, number, arrays)
+            if isinstance(functional, Linear)
+            else _of_forces(functional, number, arrays)
         )
-        found.append({"name": item.name, "unit": item.unit} | own)
-    return found, missing
+        outputs.append({"name": functional.name, "unit": functional.unit} | described)
+    return outputs, missing
 
 
 def _is_quadratic(model: Any, item: Functional) -> bool:
@@ -288,11 +303,13 @@ def _is_quadratic(model: Any, item: Functional) -> bool:
     motions.
     """
     fields = model.fields
-    known = (
+    has_maps = (
         isinstance(fields, ExactFields) and not flows(model) and not model.eliminated.keeps_kernel
     )
     return (
-        known and not np.size(fields.functionals.axes) and bool(getattr(item, "quadratic", False))
+        has_maps
+        and not np.size(fields.functionals.axes)
+        and bool(getattr(item, "quadratic", False))
     )
 
 
@@ -306,16 +323,16 @@ def _second_derivatives(model: Any, item: Functional) -> np.ndarray:
     read = np.hstack(
         [-(rows @ fields.per_force), rows @ fields.per_term + dense(rows @ fields.lifts)]
     )
-    found = np.zeros((read.shape[1],) * 2)
-    for row, unit in zip(found, np.eye(len(found)), strict=True):
+    derivatives = np.zeros((read.shape[1],) * 2)
+    for row, unit in zip(derivatives, np.eye(len(derivatives)), strict=True):
         nothing = np.zeros((0, 1))
-        part = item.slopes(
+        slopes = item.slopes(
             State(unit[:m], read @ unit, model.parameters.middle, unit[m:], nothing.copy)
         )
-        row += part.measured @ read
-        row[m:] += part.theta
-        np.add.at(row, part.conditions, part.forces)
-    return found
+        row += slopes.measured @ read
+        row[m:] += slopes.theta
+        np.add.at(row, slopes.conditions, slopes.forces)
+    return derivatives
 
 
 def _linear(model: Any, item: Linear, number: int, arrays: Packed) -> dict[str, Any]:
@@ -326,37 +343,37 @@ def _linear(model: Any, item: Linear, number: int, arrays: Packed) -> dict[str, 
     np.add.at(of_forces, item.conditions, item.weights)
     of_terms = np.zeros(_amplitudes_of(model).firsts[-1])
     np.add.at(of_terms, item.terms, item.coefficients)
-    own: dict[str, Any] = {}
+    described: dict[str, Any] = {}
     if item.count and inelastic:
         from hhr_dolfinx.plugins.pages.flowing import linear_of_flow
 
-        own = {"moved": linear_of_flow(fields, item, number, arrays)}
+        described = {"moved": linear_of_flow(fields, item, number, arrays)}
         if fields.loose is not None:
             of_motions = item.along @ (item.matrix(len(fields.basis)) @ fields.loose.modes)
-            own |= {"motions": arrays.put(f"output{number}_motions", of_motions)}
+            described |= {"motions": arrays.put(f"output{number}_motions", of_motions)}
     elif item.count:
         rows = item.matrix(fields.functionals.size)
         if model.eliminated.keeps_kernel:
             of_motions = item.along @ (rows @ model.eliminated.modes)
-            own = {"motions": arrays.put(f"output{number}_motions", of_motions)}
+            described = {"motions": arrays.put(f"output{number}_motions", of_motions)}
         of_forces -= item.along @ (rows @ fields.per_force)
         of_terms += item.along @ (rows @ fields.per_term + dense(rows @ fields.lifts))
-    own |= {"forces": arrays.put(f"output{number}_forces", of_forces)}
-    return {"kind": "linear", **own, "terms": arrays.put(f"output{number}_terms", of_terms)}
+    described |= {"forces": arrays.put(f"output{number}_forces", of_forces)}
+    return {"kind": "linear", **described, "terms": arrays.put(f"output{number}_terms", of_terms)}
 
 
 def _of_forces(item: Largest | Loaded, number: int, arrays: Packed) -> dict[str, Any]:
-    own = {"conditions": arrays.put(f"output{number}_conditions", item.conditions, "<i4")}
-    own |= {"areas": arrays.put(f"output{number}_areas", item.areas)}
+    described = {"conditions": arrays.put(f"output{number}_conditions", item.conditions, "<i4")}
+    described |= {"areas": arrays.put(f"output{number}_areas", item.areas)}
     if isinstance(item, Largest):
-        return {"kind": "largest"} | own
-    own |= {"counted": arrays.put(f"output{number}_counted", item.counted)}
+        return {"kind": "largest"} | described
+    described |= {"counted": arrays.put(f"output{number}_counted", item.counted)}
     return {
         "kind": "loaded",
         "offset": item.offset,
         "factor": item.factor,
         "least": UNDER_LOAD,
-    } | own
+    } | described
 
 
 def drawn(scenery: Scenery) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
@@ -384,16 +401,16 @@ def _flat(scenery: Scenery) -> np.ndarray:
     """Contact points projected on two axes if nearly flat, else on the two widest directions, (m,
     2).
     """
-    found = np.zeros((len(scenery.areas), 2))
+    projected = np.zeros((len(scenery.areas), 2))
     for pair in np.unique(scenery.pairs):
-        own = scenery.pairs == pair
-        places = scenery.contact_points[own] - scenery.contact_points[own].mean(axis=0)
-        widths = np.ptp(places, axis=0)
+        of_pair = scenery.pairs == pair
+        offsets = scenery.contact_points[of_pair] - scenery.contact_points[of_pair].mean(axis=0)
+        widths = np.ptp(offsets, axis=0)
         if widths.min() < DRAWN_FROM_ABOVE * widths.max():
-            found[own] = np.delete(places, widths.argmin(), axis=1)
+            projected[of_pair] = np.delete(offsets, widths.argmin(), axis=1)
             continue
-        ways = np.linalg.svd(places, full_matrices=False)[2][:2]
+        ways = np.linalg.svd(offsets, full_matrices=False)[2][:2]
         # the largest component of each points upwards or to the right
         ways *= np.sign(ways[np.arange(len(ways)), np.abs(ways).argmax(axis=1)])[:, None]
-        found[own, : len(ways)] = places @ ways.T
-    return found
+        projected[of_pair, : len(ways)] = offsets @ ways.T
+    return projected

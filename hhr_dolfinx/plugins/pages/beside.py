@@ -92,7 +92,7 @@ class MeshBeside:
                 f"the scenery beside {self.model} is of an earlier release: {self._remedy}"
             )
         strains = scenery.strains
-        whole = strains is not None and len(strains.bodies) == len(mesh.all_cells)
+        covers_mesh = strains is not None and len(strains.bodies) == len(mesh.all_cells)
         return AnswerMesh(
             points=mesh.all_points,
             cells=mesh.all_cells,
@@ -107,7 +107,7 @@ class MeshBeside:
             length=scenery.words.get("length", ""),
             stress=scenery.words.get("stress", ""),
             von_mises=partial(_von_mises, strains, mesh.parameters)
-            if strains is not None and whole
+            if strains is not None and covers_mesh
             else None,
         )
 
@@ -130,12 +130,12 @@ class MeshBeside:
         """
         mesh = self._scenery.mesh
         if mesh is None or mesh.contact_rows is None or mesh.gap_terms is None:
-            why = f"the scenery beside {self.model} is of an earlier release"
-            raise NotOfferedError(f"{why}: {self._remedy}")
+            reason = f"the scenery beside {self.model} is of an earlier release"
+            raise NotOfferedError(f"{reason}: {self._remedy}")
         theta = self.loaded().fields.amplitudes.dense(point)
         if theta.size != mesh.gap_terms.shape[1]:
-            why = f"the scenery beside {self.model} and the model are of two scenes"
-            raise NotOfferedError(f"{why}: {self._remedy}")
+            reason = f"the scenery beside {self.model} and the model are of two scenes"
+            raise NotOfferedError(f"{reason}: {self._remedy}")
         return mesh.contact_rows, mesh.gap_terms @ theta
 
     def deviators(self, displacement: np.ndarray, point: np.ndarray) -> Any:

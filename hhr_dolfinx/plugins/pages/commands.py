@@ -75,10 +75,10 @@ def naming_condensed(model: Path) -> Iterator[None]:
     Raises:
         NotOfferedError: the refusal, which also names the condensed model if there is one.
     """
-    other = model.with_name("condensed.npz")
+    condensed = model.with_name("condensed.npz")
     try:
         yield
     except NotOfferedError as error:
-        if model.name == other.name or not other.exists():
+        if model.name == condensed.name or not condensed.exists():
             raise
-        raise NotOfferedError(f"{error}. A condensed model lies beside it: {other}") from error
+        raise NotOfferedError(f"{error}. A condensed model lies beside it: {condensed}") from error

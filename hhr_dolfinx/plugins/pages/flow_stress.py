@@ -78,21 +78,21 @@ class CellMeans:
         points = operator.points_of(cells).reshape(len(cells), -1)
         self._shares = shares
         self._points = points
-        part = np.eye(operator.components)
+        projection = np.eye(operator.components)
         self.plane_stress = any(
             group.law is not None and group.law.plane_stress for group in model.flow.groups
         )
         if not self.plane_stress:
-            part[:3, :3] -= 1 / 3
-        self._part = np.delete(part, 2, axis=0)
+            projection[:3, :3] -= 1 / 3
+        self._part = np.delete(projection, 2, axis=0)
         graded = shares * flow.grading[points] if flow.grading.size else shares
         scaled = graded[:, :, None, None] * (self._part @ flow.elastic)[flow.kinds[points]]
         gradients = np.einsum("cpkj,cpjd->ckd", scaled, operator.gradients[cells], optimize=True)
         self.of_displacements = _sparse(gradients, operator.dofs[cells], operator.size)
         strains = scaled.swapaxes(1, 2).reshape(len(cells), len(self._part), -1)
-        places = points[:, :, None] * operator.components + np.arange(operator.components)
+        columns = points[:, :, None] * operator.components + np.arange(operator.components)
         self.of_strains = _sparse(
-            strains, places.reshape(len(cells), -1), flow.places * operator.components
+            strains, columns.reshape(len(cells), -1), flow.places * operator.components
         )
 
     def stressed(self, stress: np.ndarray) -> np.ndarray:
@@ -105,11 +105,11 @@ class CellMeans:
 def _sparse(blocks: np.ndarray, columns: np.ndarray, size: int) -> csc_matrix:
     """Matrix with consecutive rows of cells, from blocks (c, k, d) on columns (c, d)."""
     count = blocks.shape[0] * blocks.shape[1]
-    places = (
+    indices = (
         np.repeat(np.arange(count), blocks.shape[2]),
         np.broadcast_to(columns[:, None], blocks.shape).ravel(),
     )
-    return csc_matrix(coo_matrix((blocks.ravel(), places), (count, size)))
+    return csc_matrix(coo_matrix((blocks.ravel(), indices), (count, size)))
 
 
 def flow_stress(
@@ -132,7 +132,7 @@ def flow_stress(
         room: bytes for all arrays, as text.
     """
     assert scenery.owners is not None
-    cells, places = np.unique(scenery.owners, return_inverse=True)
+    cells, positions = np.unique(scenery.owners, return_inverse=True)
     if not 0 < len(cells) <= MOST_CELLS or len(histories) < HELD_OUT_STRIDE:
         return None
     means = CellMeans(model, cells)
@@ -149,21 +149,21 @@ def flow_stress(
     tried = Packed()
     tree = {"kind": "stressed"} | packed_levels("stress_modes", ways.T, tried, STRESS_LEVELS)
     tree |= _maps(model, means, cells, ways, tried)
-    found = kept_levels(tree, tried).T @ (ways.T @ seen[:, apart])
+    approximated = kept_levels(tree, tried).T @ (ways.T @ seen[:, apart])
     exact, drawn = (
         np.array(
             [
-                mises_of(one.reshape(len(cells), -1), plane_stress=means.plane_stress)
-                for one in own.T
+                mises_of(stress.reshape(len(cells), -1), plane_stress=means.plane_stress)
+                for stress in values.T
             ]
         )
-        for own in (seen[:, apart], found)
+        for values in (seen[:, apart], approximated)
     )
     # after unloading the residual stress is small compared with the stress of its history
-    scales = np.array([exact[number[apart] == own].max() for own in number[apart]])
+    scales = np.array([exact[number[apart] == history].max() for history in number[apart]])
     off = far_off(exact, drawn, scales)
     tree |= {
-        "cells": tried.put("stress_cells", places.ravel(), "<i4"),
+        "cells": tried.put("stress_cells", positions.ravel(), "<i4"),
         "off": off,
         # deviators of stress, passed as strains of one body with 2 μ' = 1
         "bodies": tried.put("stress_bodies", np.zeros(len(cells)), "<u1"),
@@ -188,15 +188,22 @@ def _maps(
     flow = fields.flow
     components = flow.strain.components
     flowed = (flow.flowed[:, None] * components + np.arange(components)).ravel()
-    given = means.of_displacements @ fields.given - (means.of_strains @ flow.unstressed).toarray()
+    by_loads = (
+        means.of_displacements @ fields.given - (means.of_strains @ flow.unstressed).toarray()
+    )
     plastic = means.of_displacements @ flow.moved - means.of_strains[:, flowed] @ flow.plastic.modes
-    part = np.repeat(fields.parts[flow.strain.dofs[cells, 0]], len(ways) // len(cells))
-    inside = [(ways * (part == number)[:, None]).T for number in range(fields.factors.middle.size)]
-    own = {
+    components_of_rows = np.repeat(
+        fields.parts[flow.strain.dofs[cells, 0]], len(ways) // len(cells)
+    )
+    ways_by_component = [
+        (ways * (components_of_rows == number)[:, None]).T
+        for number in range(fields.factors.middle.size)
+    ]
+    maps = {
         "pushed": -(ways.T @ (means.of_displacements @ fields.per_force)),
         "forced": ways.T @ (means.of_displacements @ fields.forced),
-        "given": np.array([rows @ given for rows in inside]),
-        "plastic": np.array([rows @ plastic for rows in inside]),
+        "given": np.array([rows @ by_loads for rows in ways_by_component]),
+        "plastic": np.array([rows @ plastic for rows in ways_by_component]),
         "fit": flow.plastic.fit,
     }
-    return {name: arrays.put(f"stress_{name}", values, "<f4") for name, values in own.items()}
+    return {name: arrays.put(f"stress_{name}", values, "<f4") for name, values in maps.items()}

@@ -81,7 +81,7 @@ def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
         name: arrays.put(f"flow_{name}", getattr(flow, name), "<i4")
         for name in ("parts", "mode_parts")
     }
-    tree["schur"] = arrays.put("flow_schur", np.array([half(part) for part in flow.schur]))
+    tree["schur"] = arrays.put("flow_schur", np.array([half(schur) for schur in flow.schur]))
     tree["moduli"] = [steps_of(modulus.factor_scalar) for modulus in flow.factors.moduli]
     tree["middle"] = flow.factors.middle.tolist()
     elasticity = [group.elasticity(flow.components) for group in material.groups]
@@ -124,12 +124,14 @@ def _group(
     """
     law = group.law
     free = [k for k, name in enumerate(group.coordinates) if name not in names]
-    every = (*names, *(group.coordinates[k] for k in free))
-    places = group.places[:, free]
+    all_names = (*names, *(group.coordinates[k] for k in free))
+    coordinates = group.places[:, free]
     young = group.young
     if group.grading.size:
-        every = (*every, GRADING)
-        places = np.hstack([places.reshape(len(group.indices), len(free)), group.grading[:, None]])
+        all_names = (*all_names, GRADING)
+        coordinates = np.hstack(
+            [coordinates.reshape(len(group.indices), len(free)), group.grading[:, None]]
+        )
         young = f"({young}) * {GRADING}"
     values = (young, group.poisson, *(() if law is None else law.values))
     return {
@@ -137,10 +139,10 @@ def _group(
         "elastic": arrays.put(f"elastic{number}", elasticity[0]),
         "compliance": arrays.put(f"compliance{number}", elasticity[1]),
         "constants": [
-            steps_of(Scalar(value, every)) if isinstance(value, str) else [float(value)]
+            steps_of(Scalar(value, all_names)) if isinstance(value, str) else [float(value)]
             for value in values
         ],
-        "places": arrays.put(f"law{number}_places", places) if places.shape[1] else None,
+        "places": arrays.put(f"law{number}_places", coordinates) if coordinates.shape[1] else None,
         "grading": arrays.put(f"grading{number}", group.grading) if group.grading.size else None,
         "rated": law is not None and law.rated,
         "law": None if law is None else _program(f"law{number}", law, arrays),
@@ -150,11 +152,11 @@ def _group(
 def _program(name: str, law: LawProgram, arrays: Packed) -> dict[str, Any]:
     """Arrays and sizes of the program of a law."""
     program = law.program
-    whole = {key: getattr(program, key) for key in ("rows", "ends", "outputs", "output_ends")} | {
-        "kinds": law.kinds
-    }
+    integers = {
+        key: getattr(program, key) for key in ("rows", "ends", "outputs", "output_ends")
+    } | {"kinds": law.kinds}
     tree: dict[str, Any] = {
-        key: arrays.put(f"{name}_{key}", values, "<i4") for key, values in whole.items()
+        key: arrays.put(f"{name}_{key}", values, "<i4") for key, values in integers.items()
     }
     numbers = {"numbers": program.numbers, "low": law.low, "high": law.high}
     tree |= {key: arrays.put(f"{name}_{key}", values) for key, values in numbers.items()}
@@ -177,19 +179,19 @@ def fixed(model: CondensedFlowModel) -> list[int]:
         for name in formula_of(modulus.factor, "young").variables
     }
     constants = {name for group in model.flow.groups for name in parameters_of(group.law)}
-    loads = {names[place] for place in _axes(model.fields.amplitudes, names)}
-    rubs = {names[place] for place in model.law.fixed.tolist()} if model.law.plugin else set()
+    loads = {names[index] for index in _axes(model.fields.amplitudes, names)}
+    rubs = {names[index] for index in model.law.fixed.tolist()} if model.law.plugin else set()
     return [
-        place for place, name in enumerate(names) if name in moduli | (constants - loads) | rubs
+        index for index, name in enumerate(names) if name in moduli | (constants - loads) | rubs
     ]
 
 
 def _axes(amplitudes: Amplitudes, names: tuple[str, ...]) -> Iterator[int]:
     """Indices of the parameters on which loads depend."""
     yield from np.flatnonzero(amplitudes.slopes.any(axis=0)).tolist()
-    for item in amplitudes.nonaffine:
-        if isinstance(item, Scalar):
-            yield from (names.index(name) for name in item.formula.variables)
+    for amplitude in amplitudes.nonaffine:
+        if isinstance(amplitude, Scalar):
+            yield from (names.index(name) for name in amplitude.formula.variables)
         else:
             yield from range(len(names))
 
@@ -208,19 +210,19 @@ def linear_of_flow(
         arrays: packed arrays, to which those of the tree are added.
     """
     rows = csr_matrix(item.along @ item.matrix(len(fields.basis)))
-    inside = [
-        csr_matrix(rows.multiply(fields.parts == part))
-        for part in range(fields.factors.middle.size)
+    rows_by_component = [
+        csr_matrix(rows.multiply(fields.parts == component))
+        for component in range(fields.factors.middle.size)
     ]
-    found = {
+    weights = {
         "modes": rows @ fields.basis,
         "given": rows @ fields.given,
-        "pushed": np.vstack([part @ fields.per_force for part in inside]),
-        "forced": np.vstack([part @ fields.forced for part in inside]),
+        "pushed": np.vstack([block @ fields.per_force for block in rows_by_component]),
+        "forced": np.vstack([block @ fields.forced for block in rows_by_component]),
     }
     return {
         name: arrays.put(f"output{number}_{name}", np.ravel(values))
-        for name, values in found.items()
+        for name, values in weights.items()
     }
 
 
@@ -248,15 +250,18 @@ def flow_field(
     if ways is None:
         return None
     tree = packed_levels("field_modes", ways.T, arrays)
-    own = {"modes_of_flow": ways.T @ fields.basis[rows], "given": ways.T @ fields.given[rows]}
-    parts = fields.parts[rows]
-    inside = [(ways * (parts == part)[:, None]).T for part in range(fields.factors.middle.size)]
-    own["pushed"] = np.array([part @ fields.per_force[rows] for part in inside])
-    own["forced"] = np.array([part @ fields.forced[rows] for part in inside])
+    maps = {"modes_of_flow": ways.T @ fields.basis[rows], "given": ways.T @ fields.given[rows]}
+    components_of_rows = fields.parts[rows]
+    ways_by_component = [
+        (ways * (components_of_rows == component)[:, None]).T
+        for component in range(fields.factors.middle.size)
+    ]
+    maps["pushed"] = np.array([block @ fields.per_force[rows] for block in ways_by_component])
+    maps["forced"] = np.array([block @ fields.forced[rows] for block in ways_by_component])
     if fields.loose is not None:
-        own["motions"] = ways.T @ fields.loose.modes[rows]
-    found = {name: arrays.put(f"field_{name}", values, "<f4") for name, values in own.items()}
-    return {"kind": "flow"} | tree | found | _plastic(fields, scenery, arrays)
+        maps["motions"] = ways.T @ fields.loose.modes[rows]
+    named = {name: arrays.put(f"field_{name}", values, "<f4") for name, values in maps.items()}
+    return {"kind": "flow"} | tree | named | _plastic(fields, scenery, arrays)
 
 
 def walked(model: CondensedFlowModel) -> Iterator[list[Answer]]:
@@ -264,14 +269,14 @@ def walked(model: CondensedFlowModel) -> Iterator[list[Answer]]:
     without warnings.
     """
     space = model.parameters
-    rest = np.clip(0.0, space.lower, space.upper)
+    unloaded = np.clip(0.0, space.lower, space.upper)
     still = fixed(model)
     points = space.random(WALKS, 0)
     if isinstance(model.trained, TrainedPaths):
         trained = model.trained.parameters
         points = np.clip(points, trained.lower, trained.upper)
     for point in points:
-        start = rest.copy()
+        start = unloaded.copy()
         start[still] = point[still]
         path = [(float(time), start + share * (point - start)) for time, share in enumerate(WALK)]
         with ignored(Warning), suppress(ConvergenceError):

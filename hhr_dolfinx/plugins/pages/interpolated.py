@@ -32,7 +32,9 @@ def compliances_tree(eliminated: Compliances, arrays: Packed) -> dict[str, Any]:
     return {
         "schur": None,
         "free_slack": None,
-        "parts": [_part(part, number, arrays) for number, part in enumerate(eliminated.parts)],
+        "parts": [
+            _part(compliance, number, arrays) for number, compliance in enumerate(eliminated.parts)
+        ],
         "gaps": arrays.put("gaps", eliminated.gaps),
         "reshaped": None
         if eliminated.reshaped is None

@@ -34,8 +34,8 @@ FLAGS_OF_PARTS = {
 
 def kernel_parts(tree: dict[str, Any]) -> list[str]:
     """Parts of the kernel that a model needs."""
-    found = [part for part in KERNEL_PARTS if tree[part]]
-    return [*found, "memory"] if tree["ranges"] and tree["ranges"]["remembers"] else found
+    names = [name for name in KERNEL_PARTS if tree[name]]
+    return [*names, "memory"] if tree["ranges"] and tree["ranges"]["remembers"] else names
 
 
 def kernel_text(parts: list[str], laws: Laws) -> str:
@@ -45,45 +45,45 @@ def kernel_text(parts: list[str], laws: Laws) -> str:
         parts: names of optional parts of the kernel.
         laws: contact laws in C.
     """
-    texts = {part: kernel_file(f"{part}.h") for part in ("floating", "springs", "ranges")}
+    texts = {name: kernel_file(f"{name}.h") for name in ("floating", "springs", "ranges")}
     texts["flow"] = kernel_file("programs.h") + kernel_file("flow.h")
     text = kernel_file("kernel.h")
     rubbing = ""
     if laws.part is not None:
         texts[laws.part.key] = laws.part.header.read_text("utf-8")
         rubbing = laws.part.range_header.read_text("utf-8")
-    for part in (*KERNEL_PARTS, "springs"):
-        needed = ("floating" if part == "springs" else part) in parts
-        text = text.replace(f"/*{part.upper()}*/", texts[part] if needed else "")
+    for name in (*KERNEL_PARTS, "springs"):
+        needed = ("floating" if name == "springs" else name) in parts
+        text = text.replace(f"/*{name.upper()}*/", texts[name] if needed else "")
     return text.replace("/*LAWS*/", _laws(laws)).replace("/*RUBBING*/", rubbing)
 
 
 def _laws(laws: Laws) -> str:
     """Functions of laws of ranges, and the calls of each by its number."""
-    own = "const model_own *own"
+    declared = "const model_own *own"
     calls = {
-        "shift": ("double", own, "own", "0"),
+        "shift": ("double", declared, "own", "0"),
         "projection": (
             "double",
-            f"{own}, double y, double c, double *slope",
+            f"{declared}, double y, double c, double *slope",
             "own, y, c, slope",
             "(*slope = NAN)",
         ),
         "after": (
             "void",
-            f"{own}, double force, double slack, int active, double *memory",
+            f"{declared}, double force, double slack, int active, double *memory",
             "own, force, slack, active, memory",
             "",
         ),
     }
     text = "\n".join(law.text for law in laws.ranges)
-    for name, (result, arguments, given, nothing) in calls.items():
+    for name, (result, arguments, passed, nothing) in calls.items():
         words = ["law", *(argument.split()[-1].lstrip("*") for argument in arguments.split(","))]
         text += f"\nstatic inline {result} model_law_{name}(int law, {arguments}) {{\n    "
         text += ", ".join(f"(void){word}" for word in words) + ";\n"
         for number, law in enumerate(laws.ranges, start=1):
             if name == "projection" or law.memory:
-                call = f"model_{law.name}_{name}({given});"
+                call = f"model_{law.name}_{name}({passed});"
                 text += f"    if (law == {number}) {'return ' if nothing else ''}{call}\n"
         text += (f"    return {nothing};\n" if nothing else "") + "}\n"
     return text
@@ -123,13 +123,14 @@ def page_sources(parts: list[str], laws: Laws) -> dict[str, str]:
         parts: names of optional parts of the kernel.
         laws: contact laws in C.
     """
-    found = {f"freestanding/{name}": kernel_file(f"freestanding/{name}") for name in FREESTANDING}
+    sources = {f"freestanding/{name}": kernel_file(f"freestanding/{name}") for name in FREESTANDING}
     flags = "".join(
-        f"#define MODEL_{name} {int(part in parts)}\n" for part, name in FLAGS_OF_PARTS.items()
+        f"#define MODEL_{name} {int(name_of_flag in parts)}\n"
+        for name_of_flag, name in FLAGS_OF_PARTS.items()
     )
-    found["kernel.h"] = kernel_text(parts, laws).replace("/*DATA*/", kernel_file("sizes.h"))
-    found["page.c"] = flags + kernel_file("page.c")
-    return found
+    sources["kernel.h"] = kernel_text(parts, laws).replace("/*DATA*/", kernel_file("sizes.h"))
+    sources["page.c"] = flags + kernel_file("page.c")
+    return sources
 
 
 def digest_of(sources: dict[str, str]) -> bytes:
@@ -192,7 +193,7 @@ def kernel_path(parts: list[str], laws: Laws) -> Path:
     """
     folder = Path(__file__).with_name("c") if laws.part is None else laws.part.header.parent
     first = "contact" if laws.part is None else laws.part.key
-    return folder / ("_".join([first, *(part for part in parts if part != first)]) + ".wasm")
+    return folder / ("_".join([first, *(name for name in parts if name != first)]) + ".wasm")
 
 
 def kernel_of(parts: list[str], laws: Laws) -> bytes:

@@ -75,14 +75,14 @@ def laws_of(law: ContactLaw, what: str) -> Laws:
         return Laws(None, ())
     if _alone(law):
         return Laws(_facet(law, "page", what), ())
-    part = None
-    found: dict[str, LawInC] = {}
-    for item in _interface(law, 0).ranges:
-        if item.law.plugin and _alone(item.law):
-            part = _facet(item.law, "page", what)
-        elif item.law.plugin:
-            found[item.law.plugin] = _facet(item.law, "kernel", what)
-    return Laws(part, tuple(found.values()))
+    law_alone = None
+    laws_in_c: dict[str, LawInC] = {}
+    for law_range in _interface(law, 0).ranges:
+        if law_range.law.plugin and _alone(law_range.law):
+            law_alone = _facet(law_range.law, "page", what)
+        elif law_range.law.plugin:
+            laws_in_c[law_range.law.plugin] = _facet(law_range.law, "kernel", what)
+    return Laws(law_alone, tuple(laws_in_c.values()))
 
 
 def check_law(law: ContactLaw, what: str, *, flows: bool) -> None:
@@ -115,45 +115,45 @@ def law_tree(law: ContactLaw, count: int, arrays: Packed) -> dict[str, Any]:
     if not law.plugin:
         return {}
     if _alone(law):
-        own: LawOnPage = _facet(law, "page", "a page")
-        return {own.key: own.tree(law, arrays)}
+        law_on_page: LawOnPage = _facet(law, "page", "a page")
+        return {law_on_page.key: law_on_page.tree(law, arrays)}
     interface = _interface(law, count)
     numbers = {
-        item.name: number for number, item in enumerate(laws_of(law, "a page").ranges, start=1)
+        entry.name: number for number, entry in enumerate(laws_of(law, "a page").ranges, start=1)
     }
     tree: dict[str, Any] = {}
-    items = []
-    for number, part in enumerate(interface.ranges):
+    entries = []
+    for number, law_range in enumerate(interface.ranges):
         name = f"range{number}"
-        item: dict[str, Any] = {
-            "rows": arrays.put(f"{name}_rows", part.rows, "<i4"),
+        entry: dict[str, Any] = {
+            "rows": arrays.put(f"{name}_rows", law_range.rows, "<i4"),
             "law": 0,
             "formulas": [],
         }
-        item |= {"memory": 0, "remembers": 0}
-        values = np.zeros((part.rows.size, 0))
-        if part.law.plugin and _alone(part.law):
-            own = _facet(part.law, "page", "a page")
-            tree[own.key] = own.tree(part.law.among(part.rows), arrays)
-            item |= {"law": -1, "remembers": int(part.law.remembers)}
-        elif part.law.plugin:
-            law_in_c: LawInC = _facet(part.law, "kernel", "a page")
-            values = np.asarray(law_in_c.numbers(part.law), dtype=float)
-            item |= {
+        entry |= {"memory": 0, "remembers": 0}
+        values = np.zeros((law_range.rows.size, 0))
+        if law_range.law.plugin and _alone(law_range.law):
+            law_on_page = _facet(law_range.law, "page", "a page")
+            tree[law_on_page.key] = law_on_page.tree(law_range.law.among(law_range.rows), arrays)
+            entry |= {"law": -1, "remembers": int(law_range.law.remembers)}
+        elif law_range.law.plugin:
+            law_in_c: LawInC = _facet(law_range.law, "kernel", "a page")
+            values = np.asarray(law_in_c.numbers(law_range.law), dtype=float)
+            entry |= {
                 "law": numbers[law_in_c.name],
-                "formulas": [*map(steps_of, law_in_c.formulas(part.law))],
+                "formulas": [*map(steps_of, law_in_c.formulas(law_range.law))],
             }
-            if part.law.remembers:
-                item |= {"memory": law_in_c.memory, "remembers": 1}
-        item["numbers"] = arrays.put(f"{name}_numbers", values)
-        items.append(item)
-    return tree | {"ranges": {"items": items, "remembers": interface.path_dependent}}
+            if law_range.law.remembers:
+                entry |= {"memory": law_in_c.memory, "remembers": 1}
+        entry["numbers"] = arrays.put(f"{name}_numbers", values)
+        entries.append(entry)
+    return tree | {"ranges": {"items": entries, "remembers": interface.path_dependent}}
 
 
 def _alone(law: ContactLaw) -> bool:
     """True for a law that is a part of the kernel."""
-    known = registry.installed()
-    return law.plugin in known and "page" in known[law.plugin].facets
+    plugins = registry.installed()
+    return law.plugin in plugins and "page" in plugins[law.plugin].facets
 
 
 def _interface(law: ContactLaw, count: int) -> Interface:

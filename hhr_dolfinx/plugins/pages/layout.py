@@ -29,12 +29,12 @@ def layouts() -> dict[str, dict[str, str]]:
     text = re.sub(
         r"/\*.*?\*/", "", kernel_file("kernel.h") + kernel_file("sizes.h"), flags=re.DOTALL
     )
-    found = {kind: dict(_fields(body)) for body, kind in _TYPEDEF.findall(text)}
+    fields = {kind: dict(_fields(body)) for body, kind in _TYPEDEF.findall(text)}
     wanted = ["sizes", "data"]
     for kind in wanted:  # which grows
-        nested = (code[2:] for code in found[kind].values() if len(code) > 1)
-        wanted += [other for other in nested if other not in wanted]
-    return {kind: found[kind] for kind in wanted}
+        nested = (code[2:] for code in fields[kind].values() if len(code) > 1)
+        wanted += [inner for inner in nested if inner not in wanted]
+    return {kind: fields[kind] for kind in wanted}
 
 
 def _fields(body: str) -> Iterator[tuple[str, str]]:
@@ -43,8 +43,8 @@ def _fields(body: str) -> Iterator[tuple[str, str]]:
         for name in names.split(","):
             plain = name.strip()
             record = kind.removeprefix("model_")
-            table, other = (_POINTERS, "R") if plain.startswith("*") else (_SCALARS, "r")
-            yield plain.lstrip("*"), table.get(kind, f"{other} {record}")
+            table, code = (_POINTERS, "R") if plain.startswith("*") else (_SCALARS, "r")
+            yield plain.lstrip("*"), table.get(kind, f"{code} {record}")
 
 
 def encoded(kernel: KernelData) -> dict[str, Any]:
@@ -78,14 +78,14 @@ class _LayoutWriter:
                 self.formulas.append(value.steps)
             return self.formulas.index(value.steps) + 1
         if isinstance(value, Struct):
-            own = self.record(value)
-            return own if code.startswith("r") else [own]
+            values = self.record(value)
+            return values if code.startswith("r") else [values]
         if code.startswith("r"):
             return self.record(Struct(code[2:], {}))
         if isinstance(value, list):
             return [
-                self.record(item) if isinstance(item, Struct) else self.value(item, "i")
-                for item in value
+                self.record(entry) if isinstance(entry, Struct) else self.value(entry, "i")
+                for entry in value
             ]
         if isinstance(value, np.ndarray):
             return value.tolist()

@@ -73,28 +73,28 @@ def steps_of(scalar: Scalar | None) -> list[Any] | None:
     """
     if scalar is None:
         return None
-    found: list[Any] = []
+    steps: list[Any] = []
 
     def walk(node: ast.AST) -> None:
         if isinstance(node, ast.Constant):
-            found.append(float(node.value))  # type: ignore[arg-type]
+            steps.append(float(node.value))  # type: ignore[arg-type]
         elif isinstance(node, ast.Name):
-            found.append(float(np.pi) if node.id == "pi" else ["p", scalar.names.index(node.id)])
+            steps.append(float(np.pi) if node.id == "pi" else ["p", scalar.names.index(node.id)])
         elif isinstance(node, ast.UnaryOp):
             walk(node.operand)
             if isinstance(node.op, ast.USub):
-                found.append("neg")
+                steps.append("neg")
         elif isinstance(node, ast.BinOp):
             walk(node.left)
             walk(node.right)
-            found.append(_OPERATIONS[type(node.op)])
+            steps.append(_OPERATIONS[type(node.op)])
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
             for argument in node.args:
                 walk(argument)
-            found.append(node.func.id if node.func.id in FUNCTIONS else ["table", len(node.args)])
+            steps.append(node.func.id if node.func.id in FUNCTIONS else ["table", len(node.args)])
 
     walk(ast.parse(scalar.text.strip(), mode="eval").body)
-    return found
+    return steps
 
 
 def half(matrix: np.ndarray) -> np.ndarray:
@@ -120,9 +120,9 @@ def modes_of(
     if not moves.any():
         return None
     ways, sizes, _ = np.linalg.svd(seen[:, moves] / lengths[moves], full_matrices=False)
-    rest = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1])
-    count = min(int((rest > left * rest[0]).sum()), max(numbers, 0) // len(seen))
-    poor = count < len(rest) and rest[count] > POOR_MODES * rest[0]
+    remaining = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1])
+    count = min(int((remaining > left * remaining[0]).sum()), max(numbers, 0) // len(seen))
+    poor = count < len(remaining) and remaining[count] > POOR_MODES * remaining[0]
     return None if poor else ways[:, :count]
 
 

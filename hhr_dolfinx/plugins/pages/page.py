@@ -91,19 +91,19 @@ def check_alike(model: Any, scenery: Scenery) -> None:
             f"the scenery is of another mesh than the model, which has {dofs} dofs"
         )
     middle = model.parameters.middle
-    there = model.equilibrium.at(middle) if flows(model) else model.contacts()(middle)
+    equations = model.equilibrium.at(middle) if flows(model) else model.contacts()(middle)
     loose = model.fields.loose if flows(model) else None
-    own = (
-        there.schur.sum(axis=1)
+    compliance = (
+        equations.schur.sum(axis=1)
         if loose is None
-        else compliance_of(there.schur.__matmul__, loose.taken)
+        else compliance_of(equations.schur.__matmul__, loose.taken)
     )
     nothing = (
-        0.0 if loose is None else NOTHING * np.linalg.norm(there.schur)
+        0.0 if loose is None else NOTHING * np.linalg.norm(equations.schur)
     )  # motions may leave no other forces
     if (
-        not np.linalg.norm(own - scenery.compliance)
-        <= SAME_COMPLIANCE * np.linalg.norm(own) + nothing
+        not np.linalg.norm(compliance - scenery.compliance)
+        <= SAME_COMPLIANCE * np.linalg.norm(compliance) + nothing
     ):
         raise NotOfferedError(
             "the scenery is not of the scene of this model: its contact is stiffer or softer"
@@ -117,7 +117,7 @@ def check_for_page(model: object) -> None:
     check_model(model)
     arrays = Packed()
     contact_tree(model, arrays)
-    _check_size(sum(len(item["data"]) for item in arrays.texts().values()), model)
+    _check_size(sum(len(text["data"]) for text in arrays.texts().values()), model)
 
 
 def _check_size(count: int, model: Any) -> None:
@@ -159,7 +159,7 @@ def page_text(model: Any, scenery: Scenery) -> str:
     tree, arrays = packed(
         model,
         scenery,
-        MOST_PAGE_BYTES - SCRIPTS - sum(len(item["data"]) for item in placed.values()),
+        MOST_PAGE_BYTES - SCRIPTS - sum(len(array["data"]) for array in placed.values()),
     )
     tree |= {"scenery": of_scenery, "strained": strained}
     arrays |= placed
@@ -170,7 +170,7 @@ def page_text(model: Any, scenery: Scenery) -> str:
     ).replace("<", "\\u003c")
     needed = {"flow.js": flows(model), "steps.js": tree["path"] is not None}
     needed |= {"bound.js": tree["bound"] is not None}
-    marked = {f"/*{part}*/": _file(part) if needed.get(part, True) else "" for part in PAGE_FILES}
+    marked = {f"/*{file}*/": _file(file) if needed.get(file, True) else "" for file in PAGE_FILES}
     marked |= {"/*DATA*/": data, "TITLE": escape(scenery.words["scene"].replace("_", " "))}
     # in one pass: a name of the user may look like a marker
     return re.sub(

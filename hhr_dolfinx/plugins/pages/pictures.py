@@ -104,10 +104,10 @@ class Split:
     """
 
     def __init__(self, answers: Iterable[Answer], corners: int):
-        every = list(answers)
-        first = len(every) - corners
-        self.answers = [answer for answer in every if answer.converged]
-        self._others = sum(answer.converged for answer in every[:first])
+        all_answers = list(answers)
+        first = len(all_answers) - corners
+        self.answers = [answer for answer in all_answers if answer.converged]
+        self._others = sum(answer.converged for answer in all_answers[:first])
 
     def held(self, every: int) -> tuple[np.ndarray, np.ndarray]:
         """Indices of answers for modes, and of held-out ones, which are one of ``every``."""
@@ -138,10 +138,10 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
         displacement = flow_field(model, histories, scenery, rows_of(model, scenery), arrays)
         of_cells = displacement and flow_stress(model, scenery, histories, arrays, room)
         return {"field": displacement, "stress": of_cells}
-    found: dict[str, Any] = {"field": None, "stress": None}
-    known, maps = _answers(model)
-    if not known.held(HELD_OUT_STRIDE)[1].size:
-        return found
+    pictures: dict[str, Any] = {"field": None, "stress": None}
+    split, maps = _answers(model)
+    if not split.held(HELD_OUT_STRIDE)[1].size:
+        return pictures
     rows = rows_of(model, scenery)
     entries = np.ones(rows.size), (np.arange(rows.size), rows)
     chosen = csr_matrix(entries, shape=(rows.size, model.fields.lifts.shape[0]))
@@ -151,14 +151,14 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
         if strains is None
         else Stress(strains, model.parameters.names, model.parameters.middle)
     )
-    every = chosen if stress is None else csr_matrix(vstack([chosen, stress.rows]))
+    rows_read = chosen if stress is None else csr_matrix(vstack([chosen, stress.rows]))
     seen = np.array(
-        [every @ answer.displacement() for answer in known.answers]
+        [rows_read @ answer.displacement() for answer in split.answers]
     ).T  # computes each displacement once
-    field = maps(Drawn("field", chosen, most=room), known, seen[: rows.size], arrays)
+    field = maps(Drawn("field", chosen, most=room), split, seen[: rows.size], arrays)
     if field is None:
-        return found
-    found["field"] = field.tree
+        return pictures
+    pictures["field"] = field.tree
     if stress is not None:
         drawn = Drawn(
             "stress",
@@ -167,10 +167,10 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
             STRESS_LEVELS,
             min(MODE_BYTES, room - arrays.size - stress.size),
         )
-        found["stress"] = _stress(
-            partial(maps, drawn, known), stress, known, seen[rows.size :], arrays
+        pictures["stress"] = _stress(
+            partial(maps, drawn, split), stress, split, seen[rows.size :], arrays
         )
-    return found
+    return pictures
 
 
 def _answers(
@@ -202,8 +202,8 @@ def _answers(
         points = Sobol(FEW if model.law.remembers else FITTED).points(model.parameters)
         corners = corners[:0] if model.law.remembers else corners
         with ignored(FarSlidingWarning):  # a warning of these points does not concern the user
-            found = list(model.solve_many(np.vstack([points, corners]), raise_on_failure=False))
-        return Split(found, len(corners)), partial(_fitted, model)
+            answers = list(model.solve_many(np.vstack([points, corners]), raise_on_failure=False))
+        return Split(answers, len(corners)), partial(_fitted, model)
     return Split([], 0), partial(_exact, model)
 
 
@@ -222,13 +222,13 @@ def _stress(
     picture = maps(seen, tried)
     if picture is None:
         return None
-    points = np.array([known.answers[place].parameter for place in picture.apart])
+    points = np.array([known.answers[index].parameter for index in picture.apart])
     off = stress.off(points, seen[:, picture.apart], picture.values)
     if off["largest"] > FALSE:
         return None
-    found = picture.tree | stress.tree(tried) | {"off": off}
+    picture_tree = picture.tree | stress.tree(tried) | {"off": off}
     arrays.take(tried)
-    return found
+    return picture_tree
 
 
 def rows_of(model: Any, scenery: Scenery) -> np.ndarray:
@@ -284,17 +284,17 @@ def _borne(model: Any, points: np.ndarray) -> list[Answer]:
     """Answers of bodies that contact alone holds, along paths that begin anew after loads that it
     does not bear.
     """
-    found: list[Answer] = []
+    answers: list[Answer] = []
     for _ in range(PATH_TRIES):
         try:
-            return found + model.march(list(enumerate(points)), MarchSettings(cuts=0)).answers
+            return answers + model.march(list(enumerate(points)), MarchSettings(cuts=0)).answers
         except (ConvergenceError, NotSolvableError) as error:
             before: Any = error
-            found += before.history.answers
+            answers += before.history.answers
             points = points[len(before.history.answers) + 1 :]
         if len(points) < 2:
             break
-    return found
+    return answers
 
 
 def _fitted(
@@ -314,8 +314,8 @@ def _fitted(
     forces = np.array([answer.multipliers for answer in answers]).T
     pushes, sizes, _ = np.linalg.svd(forces, full_matrices=False)
     pushes = pushes[:, : min(FORCE_MODES, max(1, int((sizes > FIELD * sizes[0]).sum())))]
-    here = np.array([answer.parameter for answer in answers])
-    points = here if alone else Sobol(FITTED).points(model.parameters)
+    queries = np.array([answer.parameter for answer in answers])
+    points = queries if alone else Sobol(FITTED).points(model.parameters)
     values = _maps_at(model, drawn, ways, pushes, points)
     monomials = Monomials(model, points)
     features = monomials.at(points)
@@ -323,24 +323,24 @@ def _fitted(
     # elastic: fit to one half, error at the other; with friction: fit to all points, error at the
     # answers
     inner, apart = known.held(2) if alone else (np.arange(len(points)), np.arange(len(answers)))
-    fitted = monomials.at(here) @ np.linalg.lstsq(features[inner], flat[inner], rcond=None)[0]
+    fitted = monomials.at(queries) @ np.linalg.lstsq(features[inner], flat[inner], rcond=None)[0]
     along = fitted.reshape(len(answers), *values.shape[1:])
     weights = np.column_stack([np.ones(len(answers)), forces.T @ pushes])
     coefficients = np.einsum("skr,sr->ks", along, weights)[:, apart]
     tried = Packed()
     tree = {"kind": "fitted"} | packed_levels(f"{drawn.name}_modes", ways.T, tried, drawn.levels)
-    found = kept_levels(tree, tried).T @ coefficients
+    approximated = kept_levels(tree, tried).T @ coefficients
     sizes = np.linalg.norm(seen[:, apart], axis=0)
-    off = np.linalg.norm(found - seen[:, apart], axis=0)[sizes > 0] / sizes[sizes > 0]
+    off = np.linalg.norm(approximated - seen[:, apart], axis=0)[sizes > 0] / sizes[sizes > 0]
     if np.median(off) > OFF:
         return None
-    whole = np.linalg.lstsq(features, flat, rcond=None)[0].reshape(-1, *values.shape[1:])
+    polynomials = np.linalg.lstsq(features, flat, rcond=None)[0].reshape(-1, *values.shape[1:])
     tree |= monomials.tree | {"pushes": tried.put(f"{drawn.name}_pushes", pushes.T, "<f4")}
-    tree |= {"fit": tried.put(f"{drawn.name}_fit", whole, "<f4")}
+    tree |= {"fit": tried.put(f"{drawn.name}_fit", polynomials, "<f4")}
     if drawn.most is not None and arrays.size + tried.size > drawn.most:
         return None
     arrays.take(tried)
-    return Picture(tree, found, apart)
+    return Picture(tree, approximated, apart)
 
 
 def _maps_at(
@@ -369,7 +369,9 @@ class Monomials:
     """
 
     def __init__(self, model: Any, points: np.ndarray):
-        factors = [part.factor for part in model.eliminated.parts if part.factor is not None]
+        factors = [
+            component.factor for component in model.eliminated.parts if component.factor is not None
+        ]
         alone = {
             factor.formula.variables[0]: factor
             for factor in factors
@@ -380,7 +382,8 @@ class Monomials:
             np.ptp(self._columns(points), axis=0) == 0
         )  # a modulus that names a parameter but is constant
         self._factors = [
-            None if one else factor for one, factor in zip(still, self._factors, strict=True)
+            None if constant else factor
+            for constant, factor in zip(still, self._factors, strict=True)
         ]
         columns = self._columns(points)
         self._low = columns.min(axis=0)
@@ -390,7 +393,7 @@ class Monomials:
     def _columns(self, points: np.ndarray) -> np.ndarray:
         pairs = zip(points.T, self._factors, strict=True)
         return np.column_stack(
-            [own if factor is None else 1 / factor.values(points) for own, factor in pairs]
+            [values if factor is None else 1 / factor.values(points) for values, factor in pairs]
         )
 
     def at(self, points: np.ndarray) -> np.ndarray:
@@ -410,11 +413,11 @@ class Monomials:
 
 def _powers(parameters: int, most: int) -> np.ndarray:
     """Exponents of all monomials up to the highest degree with at most ``most`` of them, (F, P)."""
-    found = np.zeros((1, parameters), dtype=int)
+    powers = np.zeros((1, parameters), dtype=int)
     for degree in range(1, DEGREE + 1):
-        every = itertools.combinations_with_replacement(range(parameters), degree)
-        more = np.array([np.bincount(places, minlength=parameters) for places in every])
-        if len(found) + len(more) > most:
+        products = itertools.combinations_with_replacement(range(parameters), degree)
+        more = np.array([np.bincount(factors, minlength=parameters) for factors in products])
+        if len(powers) + len(more) > most:
             break
-        found = np.vstack([found, more])
-    return found
+        powers = np.vstack([powers, more])
+    return powers

@@ -58,32 +58,32 @@ class _RecordReader:
     def kernel_data(self, ends: tuple[Any, Any]) -> KernelData:
         tree = self.tree
         groups = self.arrays[tree["groups"]] if tree["groups"] else np.zeros(tree["m"], dtype=int)
-        places = np.unique(groups, return_inverse=True)[1]
+        group_of_rows = np.unique(groups, return_inverse=True)[1]
         data: dict[str, Any] = {
             "lower": np.array(ends[0], dtype=float),
             "upper": np.array(ends[1], dtype=float),
-            "pairs": places,
+            "pairs": group_of_rows,
             "constant": tree["amplitudes"]["constant"],
             "slopes": tree["amplitudes"]["slopes"],
             "schur": tree["schur"],
             "gaps": self._gaps,
-            "others": [self._amplitude(item) for item in tree["amplitudes"]["others"]],
-            "limits": [self._limit(item) for item in tree["limits"]],
-            "parts": [self._component(item) for item in tree["parts"]],
-            "outputs": [self._output(item) for item in tree["outputs"]],
+            "others": [self._amplitude(entry) for entry in tree["amplitudes"]["others"]],
+            "limits": [self._limit(entry) for entry in tree["limits"]],
+            "parts": [self._component(entry) for entry in tree["parts"]],
+            "outputs": [self._output(entry) for entry in tree["outputs"]],
             "reshaped": self._interpolant(tree["reshaped"])
             if tree.get("reshaped")
             else Struct("interpolant", {}),
         }
-        own = {
+        readers = {
             "path": self._path,
             "flow": self._flow,
             "friction": self._friction,
             "floating": self._floating,
         }
-        for key, read in (own | {"ranges": self._ranges}).items():
+        for key, read in (readers | {"ranges": self._ranges}).items():
             data |= read(tree[key]) if tree[key] else {}
-        return KernelData(self._sizes(places), data)
+        return KernelData(self._sizes(group_of_rows), data)
 
     @property
     def _gaps(self) -> str:
@@ -99,26 +99,28 @@ class _RecordReader:
 
     def _ranges(self, item: dict[str, Any]) -> dict[str, Any]:
         """Laws of plug-ins, each on its conditions."""
-        found = []
+        ranges = []
         formulas = first = 0
-        for part in item["items"]:
-            rows = self.arrays[part["rows"]]
-            width = self.arrays[part["numbers"]].shape[1]
-            fields = {key: part[key] for key in ("rows", "numbers", "law", "memory", "remembers")}
+        for law_range in item["items"]:
+            rows = self.arrays[law_range["rows"]]
+            width = self.arrays[law_range["numbers"]].shape[1]
+            fields = {
+                key: law_range[key] for key in ("rows", "numbers", "law", "memory", "remembers")
+            }
             fields |= {
-                "formulas": [RecordedFormula(steps) for steps in part["formulas"]] or None,
+                "formulas": [RecordedFormula(steps) for steps in law_range["formulas"]] or None,
                 "first_formula": formulas,
             }
             fields |= {
                 "count": rows.size,
                 "width": width,
-                "formulas_count": len(part["formulas"]),
+                "formulas_count": len(law_range["formulas"]),
                 "first": first,
             }
-            found.append(Struct("range", fields))
-            formulas += len(part["formulas"])
-            first += rows.size * part["memory"]
-        return {"ranges": found}
+            ranges.append(Struct("range", fields))
+            formulas += len(law_range["formulas"])
+            first += rows.size * law_range["memory"]
+        return {"ranges": ranges}
 
     def _flow(self, item: dict[str, Any]) -> dict[str, Any]:
         same = "per_mode per_force forced given moved modal coupled pressed weights".split()
@@ -142,8 +144,8 @@ class _RecordReader:
         fields |= {"constants": [RecordedFormula(steps) for steps in group["constants"]]}
         fields |= {"constants_count": len(group["constants"])}
         fields["law"] = None if group["law"] is None else self._program(group["law"])
-        if places := group["places"]:
-            fields |= {"places": places, "coordinates": self.arrays[places].shape[1]}
+        if name := group["places"]:
+            fields |= {"places": name, "coordinates": self.arrays[name].shape[1]}
         return Struct("body", fields)
 
     def _program(self, law: dict[str, Any]) -> Struct:
@@ -169,8 +171,8 @@ class _RecordReader:
             "twice": "twice",
         }
         laws = [
-            {"coefficient": RecordedFormula(one), "limit": RecordedFormula(other)}
-            for one, other in item["laws"]
+            {"coefficient": RecordedFormula(coefficient), "limit": RecordedFormula(limit)}
+            for coefficient, limit in item["laws"]
         ]
         return {name: item[key] for name, key in rows.items()} | {
             "along": along,
@@ -192,14 +194,14 @@ class _RecordReader:
     @property
     def _softness(self) -> float:
         """Mean of the diagonal of S, which is stored by halves."""
-        places = np.arange(self.tree["m"])
+        indices = np.arange(self.tree["m"])
         flow = self.tree["flow"]
         half = (
             self.arrays[self.tree["schur"]]
             if flow is None
             else self.arrays[flow["schur"]].sum(axis=0)
         )
-        return float(np.abs(half[places * (places + 3) // 2]).mean() or 1.0)
+        return float(np.abs(half[indices * (indices + 3) // 2]).mean() or 1.0)
 
     def _sizes(self, places: np.ndarray) -> dict[str, int | float]:
         tree = self.tree
@@ -232,8 +234,11 @@ class _RecordReader:
             sizes["FIXED_COUNT"] = len(tree["path"]["fixed"])
         if ranges := tree["ranges"]:
             sizes |= {"RANGES": len(ranges["items"]), "RATED": int(ranges["remembers"])}
-            sizes["FORMULAS"] = sum(len(part["formulas"]) for part in ranges["items"])
-            counts = (self.arrays[part["rows"]].size * part["memory"] for part in ranges["items"])
+            sizes["FORMULAS"] = sum(len(law_range["formulas"]) for law_range in ranges["items"])
+            counts = (
+                self.arrays[law_range["rows"]].size * law_range["memory"]
+                for law_range in ranges["items"]
+            )
             sizes["REMEMBERED"] = sum(counts)
         return sizes
 
@@ -273,19 +278,19 @@ class _RecordReader:
 
     def _interpolant(self, item: dict[str, Any]) -> Struct:
         rank, grid = self.arrays[item["weights"]].shape
-        own: dict[str, Any] = {
+        fields: dict[str, Any] = {
             key: np.array(item[key], dtype=float) for key in ("lower", "upper", "nodes")
         }
-        own |= {"axes": np.array(item["axes"], dtype=int)} | {
+        fields |= {"axes": np.array(item["axes"], dtype=int)} | {
             key: item[key] for key in ("levels", "weights", "modes")
         }
-        own |= {
+        fields |= {
             "axes_count": len(item["axes"]),
             "nodes_count": len(item["nodes"]),
             "grid": grid,
             "rank": rank,
         }
-        return Struct("interpolant", own)
+        return Struct("interpolant", fields)
 
     def _component(self, item: dict[str, Any]) -> Struct:
         fields = {key: item[key] for key in ("conditions", "terms", "columns", "forced")}
@@ -302,10 +307,10 @@ class _RecordReader:
             return Struct("output", names | item.get("moved", {}))
         if item["kind"] == "quadratic":
             return Struct("output", {"half": item["half"]})
-        own = {"conditions": item["conditions"], "areas": item["areas"]}
-        own |= {"count": self.arrays[item["conditions"]].size}
+        fields = {"conditions": item["conditions"], "areas": item["areas"]}
+        fields |= {"count": self.arrays[item["conditions"]].size}
         if item["kind"] == "largest":
-            return Struct("output", own | {"largest": 1})
+            return Struct("output", fields | {"largest": 1})
         return Struct(
-            "output", own | {key: item[key] for key in ("counted", "offset", "factor", "least")}
+            "output", fields | {key: item[key] for key in ("counted", "offset", "factor", "least")}
         )

@@ -58,10 +58,10 @@ class Strains:
 
     def of_triangles(self, triangles: np.ndarray) -> Strains:
         """Strains of some triangles."""
-        kept, cells = np.unique(self.cells[triangles], return_inverse=True)
-        rows = (kept[:, None] * self.components + np.arange(self.components)).ravel()
+        selected, cells = np.unique(self.cells[triangles], return_inverse=True)
+        rows = (selected[:, None] * self.components + np.arange(self.components)).ravel()
         return replace(
-            self, cells=cells, bodies=self.bodies[kept], rows=csr_matrix(self.rows[rows])
+            self, cells=cells, bodies=self.bodies[selected], rows=csr_matrix(self.rows[rows])
         )
 
     @property
@@ -80,12 +80,12 @@ class Strains:
         kinds = self.cells.dtype.kind + self.bodies.dtype.kind
         if set(kinds) - set("iu") or self.bodies.ndim != 1 or not count:
             return "cells and bodies of strains are no whole numbers"
-        whole = (
+        fits = (
             self.cells.shape == (triangles,) and self.rows.shape[0] == count * self.components > 0
         )
-        inside = whole and 0 <= self.cells.min() <= self.cells.max() < count
+        in_range = fits and 0 <= self.cells.min() <= self.cells.max() < count
         if (
-            not inside
+            not in_range
             or self.components not in (4, 6)
             or not 0 <= self.bodies.min() <= self.bodies.max() < bodies
         ):
@@ -192,14 +192,14 @@ class Scenery:
             "moves": self.moves,
         }
         if self.strains is not None:
-            own = self.strains
+            strains = self.strains
             header |= {
-                "moduli": own.moduli,
-                "plane_stress": own.plane_stress,
-                "dofs": own.rows.shape[1],
+                "moduli": strains.moduli,
+                "plane_stress": strains.plane_stress,
+                "dofs": strains.rows.shape[1],
             }
-            arrays |= {"cells": own.cells, "bodies": own.bodies}
-            arrays |= {name: getattr(own.rows, name) for name in _ROWS}
+            arrays |= {"cells": strains.cells, "bodies": strains.bodies}
+            arrays |= {name: getattr(strains.rows, name) for name in _ROWS}
         if self.mesh is not None:
             header["mesh"] = {name: getattr(self.mesh, name) for name in _NAMES_OF_MESH}
             arrays |= {name: getattr(self.mesh, name) for name in _MESH}
@@ -220,7 +220,7 @@ class Scenery:
         header, arrays = read_arrays(path, SCENERY_FORMAT, SCENERY_VERSION)
         if missing := set(_ARRAYS) - set(arrays):
             raise FileContentError(f"{path} is damaged: {', '.join(sorted(missing))} are missing")
-        own = {name: arrays[name] for name in _ARRAYS} | {
+        fields = {name: arrays[name] for name in _ARRAYS} | {
             "shares": arrays.get("shares", np.zeros((0, 3)))
         }
         try:
@@ -230,16 +230,16 @@ class Scenery:
             raise FileContentError(
                 f"{path} is damaged: its strains or its mesh are not whole ({error})"
             ) from error
-        found = cls(
-            **own,
+        scenery = cls(
+            **fields,
             moves=bool(header.get("moves")),
             words=header.get("words", {}),
             strains=strains,
             mesh=mesh,
         )
-        if fault := found._fault():
+        if fault := scenery._fault():
             raise FileContentError(f"{path} is damaged: {fault}")
-        return found
+        return scenery
 
     def _fault(self) -> str:
         """Description of an inconsistency, or an empty text."""
@@ -257,8 +257,8 @@ class Scenery:
             return "points and nodes do not fit"
         for name, width in (("triangles", 3), ("lines", 2)):
             array = getattr(self, name)
-            inside = not array.size or 0 <= array.min() <= array.max() < count
-            if array.ndim != 2 or array.shape[1] != width or not inside:
+            in_range = not array.size or 0 <= array.min() <= array.max() < count
+            if array.ndim != 2 or array.shape[1] != width or not in_range:
                 return f"{name} name nodes that are not there"
         m = len(self.areas)
         shapes = (
@@ -277,22 +277,22 @@ class Scenery:
             return "it has no words"
         if self.mesh is not None and (fault := self.mesh.fault(m, self.points.shape[1])):
             return fault
-        own = self.strains
-        return "" if own is None else own.fault(len(self.triangles), len(own.moduli))
+        strains = self.strains
+        return "" if strains is None else strains.fault(len(self.triangles), len(strains.moduli))
 
 
 def _mesh(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> WholeMesh:
     """Whole mesh of a file; :meth:`WholeMesh.fault` reports an invalid one."""
     names = tuple(str(name) for name in header["parameters"])
-    own = {name: arrays[name] for name in _MESH}
+    fields = {name: arrays[name] for name in _MESH}
     gaps = arrays.get("gap_terms")
     rows = None
     if gaps is not None:
         entries = tuple(arrays[f"contact_{name}"] for name in _ROWS)
-        rows = csr_matrix(entries, shape=(len(own["slaves"]), own["all_points"].size))
+        rows = csr_matrix(entries, shape=(len(fields["slaves"]), fields["all_points"].size))
         rows.check_format()
     kind = int(header["kind"])
-    return WholeMesh(**own, kind=kind, parameters=names, contact_rows=rows, gap_terms=gaps)
+    return WholeMesh(**fields, kind=kind, parameters=names, contact_rows=rows, gap_terms=gaps)
 
 
 def _strains(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Strains:
@@ -325,26 +325,26 @@ def thinned(scenery: Scenery, most: int) -> Scenery:
     size = float(np.ptp(scenery.points, axis=0).max())
     count = int(4 * most**0.5)  # squares across; fewer until few enough contain a node
     while True:
-        places = np.floor((scenery.points - low) / size * count).astype(np.int64)
-        _, square = np.unique(np.column_stack([bodies, places]), axis=0, return_inverse=True)
+        squares = np.floor((scenery.points - low) / size * count).astype(np.int64)
+        _, square = np.unique(np.column_stack([bodies, squares]), axis=0, return_inverse=True)
         if square.max() < most:
             break
         count = int(0.9 * count)
     inner = np.ones(len(square), dtype=bool)
     inner[scenery.lines.ravel()] = False
     first = np.lexsort([inner, square])
-    kept = first[np.unique(square[first], return_index=True)[1]]
+    selected = first[np.unique(square[first], return_index=True)[1]]
     triangles = square[scenery.triangles]
     lines = square[scenery.lines]
-    whole = _whole(triangles)
+    distinct = _whole(triangles)
     return replace(
         scenery,
-        points=scenery.points[kept],
-        nodes=scenery.nodes[kept],
-        triangles=triangles[whole],
+        points=scenery.points[selected],
+        nodes=scenery.nodes[selected],
+        triangles=triangles[distinct],
         lines=lines[_whole(lines)],
-        strains=None if scenery.strains is None else scenery.strains.of_triangles(whole),
-        owners=None if scenery.owners is None else scenery.owners[whole],
+        strains=None if scenery.strains is None else scenery.strains.of_triangles(distinct),
+        owners=None if scenery.owners is None else scenery.owners[distinct],
     )
 
 

@@ -53,7 +53,7 @@ def scenery_of(full: FullOrderModel) -> Scenery:
     discretisation = full.discretisation
     problem = full.problem
     triangles, outer, owners = _drawn(full)
-    nodes, places = np.unique(triangles, return_inverse=True)
+    nodes, corners = np.unique(triangles, return_inverse=True)
     number = np.full(len(discretisation._points()), -1)
     number[nodes] = np.arange(len(nodes))
     drawn = number[outer]
@@ -66,7 +66,7 @@ def scenery_of(full: FullOrderModel) -> Scenery:
     return Scenery(
         np.ascontiguousarray(discretisation._points()[nodes]),
         nodes.astype(np.int64),
-        places.reshape(triangles.shape).astype(np.int64),
+        corners.reshape(triangles.shape).astype(np.int64),
         drawn.astype(np.int64),
         np.ascontiguousarray(problem.contact_points),
         problem.contact_areas.copy(),
@@ -99,23 +99,23 @@ def _drawn(full: FullOrderModel) -> tuple[np.ndarray, np.ndarray, np.ndarray | N
     cells = (
         cells[:, TENSOR_ORDER[kind]] if kind in TENSOR_ORDER else cells
     )  # corners in circular order
-    outer, inside = outer_faces_of_cells(kind, cells)
+    outer, owners_of_faces = outer_faces_of_cells(kind, cells)
     faces = cells if flat else outer
-    owners = np.arange(len(cells)) if flat else inside
-    parts = TRIANGLES_OF_FACES[faces.shape[1]]
-    triangles = np.concatenate([faces[:, list(corners)] for corners in parts])
+    owners = np.arange(len(cells)) if flat else owners_of_faces
+    corners_of_triangles = TRIANGLES_OF_FACES[faces.shape[1]]
+    triangles = np.concatenate([faces[:, list(corners)] for corners in corners_of_triangles])
     return (
         triangles,
         outer if flat else np.zeros((0, 2), dtype=np.int64),
-        np.tile(owners, len(parts)),
+        np.tile(owners, len(corners_of_triangles)),
     )
 
 
 def _whole_mesh(full: FullOrderModel) -> WholeMesh:
     mesh = full.answer_mesh()
     problem = full.problem
-    whole = problem.contact if problem.whole_contact is None else problem.whole_contact
-    rows = csr_matrix(whole)
+    contact = problem.contact if problem.whole_contact is None else problem.whole_contact
+    rows = csr_matrix(contact)
     return WholeMesh(
         all_points=np.ascontiguousarray(mesh.points),
         all_cells=np.ascontiguousarray(mesh.cells, dtype=np.int64),
@@ -149,7 +149,7 @@ def strains_of(full: FullOrderModel, cells: np.ndarray) -> Strains | None:
         cells: cell of each drawn triangle, (t,).
     """
     scene = full.scene
-    drawn, places = np.unique(cells, return_inverse=True)
+    drawn, positions = np.unique(cells, return_inverse=True)
     if (
         full.equilibrium is not None
         or scene.shapes
@@ -162,12 +162,12 @@ def strains_of(full: FullOrderModel, cells: np.ndarray) -> Strains | None:
     components = 6 if scene.hypothesis == "solid" else 4
     rows = csr_matrix((len(drawn) * components, full.problem.free.size))
     for place in np.unique(bodies):
-        here = np.flatnonzero(bodies == place)
-        strain, dofs, grading, _ = strains_of_cells(discretisation, drawn[here], int(place))
+        of_body = np.flatnonzero(bodies == place)
+        strain, dofs, grading, _ = strains_of_cells(discretisation, drawn[of_body], int(place))
         if scene.hypothesis == "plane_stress":
             strain[:, 2] = 0.0
         numbers = np.broadcast_to(
-            (here[:, None] * components + np.arange(components))[:, :, None], strain.shape
+            (of_body[:, None] * components + np.arange(components))[:, :, None], strain.shape
         )
         columns = np.broadcast_to(dofs[:, None], strain.shape)
         values = (strain * grading[:, None, None]).ravel()
@@ -178,7 +178,7 @@ def strains_of(full: FullOrderModel, cells: np.ndarray) -> Strains | None:
     rows.eliminate_zeros()
     moduli = tuple(moduli_of(body, scene) for body in scene.bodies)
     return Strains(
-        places.astype(np.int64),
+        positions.astype(np.int64),
         bodies.astype(np.int64),
         rows,
         moduli,
@@ -192,11 +192,11 @@ def _stressed_at_rest(full: FullOrderModel) -> bool:
     """
     if not any(hasattr(load, "eigenstrain_of") for load in full.scene.loads):
         return False
-    rest = np.zeros(full.problem.free.size)
+    undeformed = np.zeros(full.problem.free.size)
     box = full.parameters
     # loads may cancel each other at ends and in the middle
     for point in (box.lower, box.upper, *box.random(UNDEFORMED_POINTS, 0)):
-        stress = full.stress_of(rest, point)
+        stress = full.stress_of(undeformed, point)
         if von_mises(stress).max() > DEVIATOR_ROUND_OFF * np.abs(stress).max():
             return True
     return False
@@ -213,7 +213,7 @@ def _words(scene: Scene) -> dict[str, Any]:
         "units": dict(scene.parameter_units),
         "hypothesis": scene.hypothesis.replace("_", " "),
         "bodies": bodies,
-        "contacts": [" and ".join(map(str, item.tags)) for item in scene.contacts],
+        "contacts": [" and ".join(map(str, contact.tags)) for contact in scene.contacts],
         "length": "" if units is None else units.length,
         "stress": "" if units is None else units.stress,
         "force": "" if units is None else units.force_in(scene.hypothesis),

@@ -35,11 +35,11 @@ class Stress:
         self._strains = strains
         self._moduli = [[Scalar(text, names) for text in pair] for pair in strains.moduli]
         self._middle = np.array([shape.value(middle) for _, shape in self._moduli])
-        part = np.eye(strains.components)
+        projection = np.eye(strains.components)
         if not strains.plane_stress:
-            part[:3, :3] -= 1 / 3
+            projection[:3, :3] -= 1 / 3
         scale = diags(self._middle[strains.bodies])
-        self.rows = csr_matrix(kron(scale, np.delete(part, 2, axis=0)) @ strains.rows)
+        self.rows = csr_matrix(kron(scale, np.delete(projection, 2, axis=0)) @ strains.rows)
 
     @property
     def size(self) -> int:
@@ -89,11 +89,11 @@ class Stress:
             exact: values of answers, (n c, S).
             found: drawn values, (n c, S).
         """
-        right, here = (
-            np.array([self.mises(*pair) for pair in zip(own.T, points, strict=True)])
-            for own in (exact, found)
+        mises_of_answers, drawn = (
+            np.array([self.mises(*pair) for pair in zip(values.T, points, strict=True)])
+            for values in (exact, found)
         )
-        return far_off(right, here)
+        return far_off(mises_of_answers, drawn)
 
 
 def mises_of(stress: np.ndarray, *, plane_stress: bool = False) -> np.ndarray:
@@ -134,7 +134,7 @@ def far_off(
     """
     largest = exact.max(axis=1, initial=0.0)
     scales = largest if scales is None else scales
-    known = scales > DRAWN_ROUND_OFF * scales.max(initial=0.0)
-    cells = np.abs(found - exact).max(axis=1, initial=0.0)[known] / scales[known]
-    peaks = np.abs(found.max(axis=1, initial=0.0) - largest)[known] / scales[known]
+    counted = scales > DRAWN_ROUND_OFF * scales.max(initial=0.0)
+    cells = np.abs(found - exact).max(axis=1, initial=0.0)[counted] / scales[counted]
+    peaks = np.abs(found.max(axis=1, initial=0.0) - largest)[counted] / scales[counted]
     return {"cells": float(cells.max(initial=0.0)), "largest": float(peaks.max(initial=0.0))}
