@@ -67,10 +67,10 @@ def read_mtx(path: Path, dofs: Path | None = None) -> ForeignMatrix:
 
 def _named(table: np.ndarray, path: Path) -> ForeignMatrix:
     """Matrix of entries with the names of row and column."""
-    whole = table[:, :4].astype(np.int64)
-    keys = whole[:, [0, 2]] * 16 + whole[:, [1, 3]]
-    names, place = np.unique(keys, return_inverse=True)
-    rows, columns = place.reshape(keys.shape).T
+    integers = table[:, :4].astype(np.int64)
+    keys = integers[:, [0, 2]] * 16 + integers[:, [1, 3]]
+    names, inverse = np.unique(keys, return_inverse=True)
+    rows, columns = inverse.reshape(keys.shape).T
     matrix = symmetric_of_half(rows, columns, table[:, 4], names.size, path.name)
     nodes, directions = np.divmod(names, 16)
     # negative labels are internal nodes of elements
@@ -87,8 +87,8 @@ def _counted(table: np.ndarray, path: Path, dofs: Path | None) -> ForeignMatrix:
 
 def _without_penalties(found: ForeignMatrix) -> ForeignMatrix:
     """The matrix without rows of imposed dofs."""
-    kept = np.flatnonzero(found.matrix.diagonal() < LEAST_PENALTY)
-    if kept.size == len(found.nodes):
+    free = np.flatnonzero(found.matrix.diagonal() < LEAST_PENALTY)
+    if free.size == len(found.nodes):
         return found
-    matrix = csr_matrix(found.matrix[kept][:, kept])
-    return ForeignMatrix(matrix, found.nodes[kept], found.directions[kept], found.source)
+    matrix = csr_matrix(found.matrix[free][:, free])
+    return ForeignMatrix(matrix, found.nodes[free], found.directions[free], found.source)

@@ -81,8 +81,8 @@ class ForeignBlock(KnownArguments):
     def __repr__(self) -> str:
         """Names of its files, and no arrays: ranks compare these words."""
         words = [
-            str(one) if isinstance(one, str | Path) else type(one).__name__
-            for one in (self.stiffness, self.nodes)
+            str(argument) if isinstance(argument, str | Path) else type(argument).__name__
+            for argument in (self.stiffness, self.nodes)
         ]
         words += [f"{name}={getattr(self, name)!r}" for name in ("name", "factor", "move")]
         return f"ForeignBlock({', '.join(words)})"
@@ -108,11 +108,11 @@ class ForeignBlock(KnownArguments):
         Warns:
             SceneWarning: without a case.
         """
-        given = self.stiffness
-        found = (
-            checked_matrix(given)
-            if isinstance(given, ForeignMatrix)
-            else read_stiffness(given, self.dofs, self.matrix)
+        stiffness = self.stiffness
+        matrix = (
+            checked_matrix(stiffness)
+            if isinstance(stiffness, ForeignMatrix)
+            else read_stiffness(stiffness, self.dofs, self.matrix)
         )
         nodes = (
             self.nodes
@@ -121,15 +121,15 @@ class ForeignBlock(KnownArguments):
         )
         if self.surfaces:
             nodes = nodes.with_surfaces(self.surfaces)
-        made = placed(found, nodes.moved(self.move) if any(self.move) else nodes)
+        block = placed(matrix, nodes.moved(self.move) if any(self.move) else nodes)
         if self.case is None:
             warn(
                 f"block '{self.name}' is unchecked: nothing says that sign, unit, order of rows "
                 "and constraints of "
-                f"{found.source} are those that you mean. Give a solved case",
+                f"{matrix.source} are those that you mean. Give a solved case",
                 SceneWarning,
             )
         else:
             case = self.case if isinstance(self.case, SolvedCase) else read_case(self.case)
-            compare_case(made, case, self.name)
-        return made
+            compare_case(block, case, self.name)
+        return block

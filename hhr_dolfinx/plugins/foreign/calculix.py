@@ -102,14 +102,14 @@ def _dofs_of_user_element(head: str, path: Path) -> tuple[np.ndarray, np.ndarray
         if line.startswith("**"):
             labels += numbers if not re.search(r"[A-Za-z]", line) else []
         elif numbers and not line.startswith("*"):
-            position, own = (numbers[0], numbers[1:]) if changes else (1, numbers)
-            changes[position] = own
+            position, directions = (numbers[0], numbers[1:]) if changes else (1, numbers)
+            changes[position] = directions
     if not labels or 1 not in changes:
         raise FileContentError(f"{path} lists no nodes in comments below *USER ELEMENT, or no dofs")
-    found = []
-    own = changes[1]
+    dofs = []
+    directions = changes[1]
     for position, label in enumerate(labels, start=1):
-        own = changes.get(position, own)
-        found += [(label, direction) for direction in own]
-    table = np.array(found, dtype=np.int64)
+        directions = changes.get(position, directions)
+        dofs += [(label, direction) for direction in directions]
+    table = np.array(dofs, dtype=np.int64)
     return table[:, 0], table[:, 1]

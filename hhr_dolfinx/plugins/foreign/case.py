@@ -56,7 +56,9 @@ class SolvedCase:
     tolerance: float = 1e-4
 
     def __post_init__(self) -> None:
-        values = [value for part in (self.forces, self.displacements) for value in part.values()]
+        values = [
+            value for vectors in (self.forces, self.displacements) for value in vectors.values()
+        ]
         if (
             not self.forces
             or not self.displacements
@@ -212,32 +214,34 @@ def compare_case(block: Placed, case: SolvedCase, name: str) -> float:
         if means.shape[0]
         else 0.0 * block.matrix
     )
-    found = _solved(csr_matrix(block.matrix + stiff), free, forces, name)
+    solution = _solved(csr_matrix(block.matrix + stiff), free, forces, name)
     index = _indices(block.nodes)
     rows = []
     theirs = []
     labels = []
     for label, value in case.displacements.items():
-        if (own := index.get(label)) is not None:
-            rows.append(3 * own + np.arange(3))
+        if (number := index.get(label)) is not None:
+            rows.append(3 * number + np.arange(3))
             theirs.append(value)
             labels.append(label)
     if not rows:
         raise SceneError(
             f"block '{name}': no node of its solved case with a displacement is a node of K"
         )
-    ours = found[np.array(rows)]
-    other = np.array(theirs)
-    known = np.isfinite(other) & block.known[np.array(rows)]
-    if not known.any():
+    ours = solution[np.array(rows)]
+    reference = np.array(theirs)
+    compared = np.isfinite(reference) & block.known[np.array(rows)]
+    if not compared.any():
         raise SceneError(f"block '{name}': no displacement of its solved case is at a dof of K")
-    largest = np.abs(other[known]).max() or 1.0
-    off = np.where(known, np.abs(ours - other), 0.0)
+    largest = np.abs(reference[compared]).max() or 1.0
+    off = np.where(compared, np.abs(ours - reference), 0.0)
     node, direction = np.unravel_index(off.argmax(), off.shape)
     worst = float(off[node, direction] / largest)
     if not worst <= case.tolerance:
         raise SceneError(
-            _said(name, worst, labels[node], int(direction), ours, other, known, case.tolerance)
+            _said(
+                name, worst, labels[node], int(direction), ours, reference, compared, case.tolerance
+            )
         )
     return worst
 
@@ -280,16 +284,16 @@ def carriers_of(nodes: ForeignNodes, label: int) -> np.ndarray:
 
 def _nodal(block: Placed, case: SolvedCase, name: str) -> np.ndarray:
     """Forces of a case on all dofs, (3 n,)."""
-    found = np.zeros(block.matrix.shape[0])
+    forces = np.zeros(block.matrix.shape[0])
     for label, value in case.forces.items():
-        own = carriers_of(block.nodes, label)
-        if not own.size:
+        carriers = carriers_of(block.nodes, label)
+        if not carriers.size:
             raise SceneError(
                 f"block '{name}': its solved case has a force on node {label}, which K does not "
                 "have"
             )
-        dofs = (3 * own[:, None] + np.arange(3)).ravel()
-        share = np.tile(value, own.size) / own.size
+        dofs = (3 * carriers[:, None] + np.arange(3)).ravel()
+        share = np.tile(value, carriers.size) / carriers.size
         lost = dofs[(share != 0.0) & ~block.known[dofs]]
         if lost.size:
             raise SceneError(
@@ -297,8 +301,8 @@ def _nodal(block: Placed, case: SolvedCase, name: str) -> np.ndarray:
                 f"{lost[0] % 3 + 1}, which "
                 "K does not have: it is held or dependent in the run that wrote K, or not retained"
             )
-        found[dofs] += share
-    return found
+        forces[dofs] += share
+    return forces
 
 
 def _held(block: Placed, case: SolvedCase) -> tuple[np.ndarray, csr_matrix]:
@@ -311,14 +315,14 @@ def _held(block: Placed, case: SolvedCase) -> tuple[np.ndarray, csr_matrix]:
     dofs: list[int] = []
     rows: list[np.ndarray] = []
     for label, direction in sorted(case.held):
-        own = np.flatnonzero(nodes.decks == label)
+        members = np.flatnonzero(nodes.decks == label)
         across = {(label, 3 + axis) for axis in (1, 2, 3) if axis != direction}
         if direction > 3:
             dofs += [
-                3 * int(block.turning[k]) + direction - 4 for k in own if block.turning[k] >= 0
+                3 * int(block.turning[k]) + direction - 4 for k in members if block.turning[k] >= 0
             ]
-        elif own.size <= 1 or across <= case.held:
-            dofs += (3 * own + direction - 1).tolist()
+        elif members.size <= 1 or across <= case.held:
+            dofs += (3 * members + direction - 1).tolist()
         else:
             rows.append(3 * carriers_of(nodes, label) + direction - 1)
     rows = [row for row in rows if block.known[row].all()]
@@ -338,9 +342,9 @@ def _solved(matrix: csr_matrix, free: np.ndarray, forces: np.ndarray, name: str)
     """Displacement of all dofs, (n,), zero where they are not free."""
     solve = factored(matrix, free, name)
     # a known vector loses as many digits as K has lost: all of them if it is singular
-    known = np.random.default_rng(0).standard_normal(free.size) * free
-    off = solve(matrix @ known) - known
-    if not np.linalg.norm(off[free]) <= SINGULAR * np.linalg.norm(known):
+    vector = np.random.default_rng(0).standard_normal(free.size) * free
+    off = solve(matrix @ vector) - vector
+    if not np.linalg.norm(off[free]) <= SINGULAR * np.linalg.norm(vector):
         raise NotSolvableError(
             f"the K of block '{name}' is singular with the supports of its solved case: name what "
             "is held there (held), "
@@ -369,9 +373,9 @@ def factored(matrix: csr_matrix, free: np.ndarray, name: str) -> Callable[[np.nd
 
     from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
 
-    whole = slice(0, matrix.shape[0])
+    all_rows = slice(0, matrix.shape[0])
     factors = FreeCholesky(
-        _with_diagonal(matrix), free, whole, name, ordering_of(3, "qmd"), MPI.COMM_SELF
+        _with_diagonal(matrix), free, all_rows, name, ordering_of(3, "qmd"), MPI.COMM_SELF
     )
     return factors.solve
 
@@ -392,10 +396,10 @@ def _by_superlu(
 ) -> Callable[[np.ndarray], np.ndarray]:
     from scipy.sparse.linalg import splu
 
-    inside = np.flatnonzero(free)
+    indices = np.flatnonzero(free)
     try:
         factor = splu(
-            matrix[inside][:, inside].tocsc(),
+            matrix[indices][:, indices].tocsc(),
             permc_spec="MMD_AT_PLUS_A",
             options={"SymmetricMode": True},
         )
@@ -405,8 +409,8 @@ def _by_superlu(
         ) from None
 
     def solve(forces: np.ndarray) -> np.ndarray:
-        found = np.zeros(free.size)
-        found[inside] = factor.solve(forces[inside])
-        return found
+        solution = np.zeros(free.size)
+        solution[indices] = factor.solve(forces[indices])
+        return solution
 
     return solve

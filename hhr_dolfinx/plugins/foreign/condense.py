@@ -58,10 +58,17 @@ def condense_blocks(
     parts = Parts(foreign.blocks)
     held = _held(parts, displacements)
     free = np.flatnonzero(parts.known & ~held)
-    surfaces: list[list[Any]] = [[parts.surface(tag) for tag in item.tags] for item in contacts]
-    made = [item.rows(own, held.size) for item, own in zip(contacts, surfaces, strict=True)]
-    rows = joined(made)
-    pairs = np.repeat(np.arange(len(made)), [len(rows_of_pair.gap) for rows_of_pair in made])
+    surfaces: list[list[Any]] = [
+        [parts.surface(tag) for tag in pairing.tags] for pairing in contacts
+    ]
+    rows_of_pairs = [
+        pairing.rows(on_surfaces, held.size)
+        for pairing, on_surfaces in zip(contacts, surfaces, strict=True)
+    ]
+    rows = joined(rows_of_pairs)
+    pairs = np.repeat(
+        np.arange(len(rows_of_pairs)), [len(rows_of_pair.gap) for rows_of_pair in rows_of_pairs]
+    )
     columns, gaps, amplitudes = _terms(parts, loads, openings, rows, pairs)
     _check_known(parts, held, rows, columns)
     factors = [float(Formula(block.formula)({})) for block in foreign.blocks]
@@ -91,8 +98,8 @@ def _check(foreign: Blocks, contacts: Sequence[Any]) -> None:
     if any(block.variables for block in foreign.blocks):
         raise NotOfferedError(f"a block has a factor that varies: {scene}")
     if any(
-        getattr(item, "friction", None) is not None or getattr(item, "law", None) is not None
-        for item in contacts
+        getattr(pairing, "friction", None) is not None or getattr(pairing, "law", None) is not None
+        for pairing in contacts
     ):
         raise NotOfferedError(f"a contact has friction or another law: {scene}")
 
@@ -100,23 +107,28 @@ def _check(foreign: Blocks, contacts: Sequence[Any]) -> None:
 def _check_known(parts: Parts, held: np.ndarray, rows: ContactRows, columns: np.ndarray) -> None:
     """Raise SceneError for contact or loads on dofs that K lacks, and that nothing holds."""
     unknown = ~parts.known & ~held
-    for what, sizes in (
+    for acting, sizes in (
         ("contact", abs(rows.matrix).max(axis=0).toarray().ravel()),
         ("a load", abs(columns).max(axis=1)),
     ):
         if (lost := np.flatnonzero((sizes > 0) & unknown)).size:
             raise SceneError(
-                f"{what} acts on {parts.described(lost[0])}, which K does not have: retain this dof"
+                f"{acting} acts on {parts.described(lost[0])}, which K does not have: retain this "
+                "dof"
             )
 
 
 def _held(parts: Parts, displacements: Sequence[Any]) -> np.ndarray:
     """Dofs that displacements hold, (N,) bool."""
     held = np.zeros(3 * len(parts.points), dtype=bool)
-    for item in displacements:
-        tag, component = item if isinstance(item, tuple) else (item.tag, item.component)
-        if not isinstance(item, tuple) and item.amplitude != Amplitude():
-            raise SceneError(f"{item!r} is not zero: make a scene, foreign.scene(...)")
+    for displacement in displacements:
+        tag, component = (
+            displacement
+            if isinstance(displacement, tuple)
+            else (displacement.tag, displacement.component)
+        )
+        if not isinstance(displacement, tuple) and displacement.amplitude != Amplitude():
+            raise SceneError(f"{displacement!r} is not zero: make a scene, foreign.scene(...)")
         nodes = parts.nodes(tag)
         if component > 2:
             nodes = parts.turning(nodes)
@@ -147,9 +159,11 @@ def _terms(
         columns.append(vector)
         gaps.append(np.zeros(pairs.size))
         amplitudes.append(_amplitude(load.amplitude))
-    for item in openings:
+    for opening in openings:
         columns.append(np.zeros(3 * len(parts.points)))
-        contact, amplitude = item if isinstance(item, tuple) else (item.contact, item.amplitude)
+        contact, amplitude = (
+            opening if isinstance(opening, tuple) else (opening.contact, opening.amplitude)
+        )
         gaps.append((pairs == contact).astype(float))
         amplitudes.append(_amplitude(amplitude))
     return np.column_stack(columns), np.column_stack(gaps), amplitudes
@@ -164,23 +178,23 @@ def _means(
     parts: Parts, outputs: Mapping[str, tuple[Any, int]], free: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Rows of mean displacements on free dofs, by name."""
-    found = {}
-    for name, (place, component) in outputs.items():
-        nodes = parts.nodes(place)
+    means = {}
+    for name, (tag, component) in outputs.items():
+        nodes = parts.nodes(tag)
         row = np.zeros(3 * len(parts.points))
         row[3 * nodes + component] = 1.0 / nodes.size
-        found[name] = row[free]
-    return found
+        means[name] = row[free]
+    return means
 
 
 def _resultants(
     parts: Parts, contacts: Sequence[Any], rows: ContactRows, pairs: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Weights of forces whose sums are the resultants on the body of the first surface, by name."""
-    found = {}
-    for place, item in enumerate(contacts):
-        nodes = parts.surface(item.tags[0]).nodes
+    weights = {}
+    for number, pairing in enumerate(contacts):
+        nodes = parts.surface(pairing.tags[0]).nodes
         for component, axis in enumerate("xyz"):
             sums = np.asarray(-rows.matrix[:, 3 * nodes + component].sum(axis=1)).ravel()
-            found[f"force {place} {axis}"] = np.where(pairs == place, sums, 0.0)
-    return found
+            weights[f"force {number} {axis}"] = np.where(pairs == number, sums, 0.0)
+    return weights

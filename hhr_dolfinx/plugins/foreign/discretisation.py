@@ -67,10 +67,10 @@ class OfBlocks(ConstantElasticity):
         """Stiffness to ground of each dof, (N,), by loads that resist; None without."""
         if not any(hasattr(load, "stiffness") for load in space.scene.loads):
             return None
-        made: ConstantElasticity = registry.tool("elasticity", f"scene '{space.scene.name}'")(
+        elasticity: ConstantElasticity = registry.tool("elasticity", f"scene '{space.scene.name}'")(
             space.scene, *space.cells_and_order
         )
-        return made.springs(space)
+        return elasticity.springs(space)
 
 
 class ForeignDiscretisation(Discretisation):
@@ -95,16 +95,16 @@ class ForeignDiscretisation(Discretisation):
         self.order = 1
         self.size = 3 * count
         # equal shares of the nodes
-        own = share(count, self.group.number, self.group.size)
-        self.rows = slice(3 * own.start, 3 * own.stop)
-        self._own_nodes = own
+        nodes = share(count, self.group.number, self.group.size)
+        self.rows = slice(3 * nodes.start, 3 * nodes.stop)
+        self._own_nodes = nodes
         self.shape = StillMesh()
         self.elasticity = OfBlocks(scene, *self.cells_and_order)
         self.mean_dilatation = tuple(False for _ in scene.bodies)
         self._fields = {
-            number: item.at(self.parts.points, scene.hypothesis)
-            for number, item in enumerate(scene.displacements)
-            if item.field is not None
+            number: displacement.at(self.parts.points, scene.hypothesis)
+            for number, displacement in enumerate(scene.displacements)
+            if displacement.field is not None
         }
 
     has_mesh = False
@@ -136,7 +136,9 @@ class ForeignDiscretisation(Discretisation):
             middle = self.scene.parameters.middle
             first = terms[0]
             pairs = zip(moduli, terms, strict=True)
-            data = sum(one.value(middle) * term.data for one, term in pairs)  # zeros keep places
+            data = sum(
+                modulus.value(middle) * term.data for modulus, term in pairs
+            )  # zeros keep places
             terms = (csr_matrix((data, first.indices, first.indptr), first.shape),)
             moduli = ()
         if (springs := self.springs) is None:
@@ -204,31 +206,31 @@ class ForeignDiscretisation(Discretisation):
         if self.springs is not None:
             fixed |= self.springs != 0
         fixed = fixed.reshape(-1, 3)
-        known = parts.known.reshape(-1, 3)
-        found = []
-        for number in np.unique(label[known.any(axis=1)]):
+        known_dofs = parts.known.reshape(-1, 3)
+        bodies = []
+        for number in np.unique(label[known_dofs.any(axis=1)]):
             nodes = np.flatnonzero(label == number)
             points = problem.points[np.intersect1d(nodes, parts.with_places)]
             if not len(points):
                 continue
-            own = _about_middle(motions[:, nodes], points)
+            about_middle = _about_middle(motions[:, nodes], points)
             block = parts.blocks[int(parts.block_of(nodes[:1])[0])]
             where = np.round(points.mean(axis=0), 6).tolist()
             name = f"block '{block.name}' of scene '{self.scene.name}', around {where},"
-            ways = vanishing(own[:, fixed[nodes]].T)
+            ways = vanishing(about_middle[:, fixed[nodes]].T)
             dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
-            ways = self._unresisted(own.reshape(6, -1), dofs, ways)
-            found.append(FreeBody(name, nodes, own * known[nodes], ways))
-        return [one for one in found if len(one.left)]
+            ways = self._unresisted(about_middle.reshape(6, -1), dofs, ways)
+            bodies.append(FreeBody(name, nodes, about_middle * known_dofs[nodes], ways))
+        return [body for body in bodies if len(body.left)]
 
     def _unresisted(self, motions: np.ndarray, dofs: np.ndarray, ways: np.ndarray) -> np.ndarray:
         """Combinations of motions, (l, 6), of those given, (k, 6), along which K does no work up to
         its digits.
         """
         columns = ways @ (motions * self.parts.known[dofs])
-        whole = sum(self.parts.matrices[1:], start=self.parts.matrices[0])[dofs][:, dofs]
-        energies = columns @ (whole @ columns.T)
-        sizes = np.abs(columns) @ (abs(whole) @ np.abs(columns).T)
+        stiffness = sum(self.parts.matrices[1:], start=self.parts.matrices[0])[dofs][:, dofs]
+        energies = columns @ (stiffness @ columns.T)
+        sizes = np.abs(columns) @ (abs(stiffness) @ np.abs(columns).T)
         values, rotated = np.linalg.eigh((energies + energies.T) / 2)
         return rotated[:, np.abs(values) <= DIGITS * sizes.max(initial=0.0)].T @ ways
 
@@ -240,11 +242,11 @@ class ForeignDiscretisation(Discretisation):
         """Terms of a load: of those that know no mesh by the blocks, of others by their own
         method.
         """
-        found = vector_of(load, self.parts)
-        if found is None:
+        forces = vector_of(load, self.parts)
+        if forces is None:
             return checked_terms(load, self.assembler(load))
         amplitude = bound(load.amplitude, self.scene.parameters)  # type: ignore[attr-defined]
-        return [Term(amplitude, csc_matrix(found[:, None]))]
+        return [Term(amplitude, csc_matrix(forces[:, None]))]
 
     def assembler(self, load: Any) -> Assembler:
         """Interface for a load or an output; integrals over a mesh are refused."""
@@ -286,8 +288,8 @@ class ForeignDiscretisation(Discretisation):
 
     def cells_of(self, tag: Tag) -> np.ndarray:
         """Local numbers of the pairs of nodes of a block."""
-        place = [body.tag for body in self.scene.bodies].index(tag)
-        return np.flatnonzero(self.cell_bodies() == place)
+        number = [body.tag for body in self.scene.bodies].index(tag)
+        return np.flatnonzero(self.cell_bodies() == number)
 
     def check_cells(self, tag: Tag) -> None:
         """Do nothing: each block has nodes."""
@@ -295,8 +297,8 @@ class ForeignDiscretisation(Discretisation):
     def cell_bodies(self) -> np.ndarray:
         """Block of each pair of nodes of this rank, (cells,)."""
         pairs = self.parts.pairs
-        own = share(len(pairs), self.group.number, self.group.size)
-        return self.parts.block_of(pairs[own.start : own.stop, 0])
+        local = share(len(pairs), self.group.number, self.group.size)
+        return self.parts.block_of(pairs[local.start : local.stop, 0])
 
     def stress(self, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Refuse: K knows no strains.
@@ -326,7 +328,9 @@ class ForeignDiscretisation(Discretisation):
             bodies=self.parts.block_of(cells[:, 0]),
             contact_points=problem.contact_points,
             slaves=problem.contact_slaves,
-            contacts=tuple(problem.pressing_of(place) for place in range(len(self.scene.contacts))),
+            contacts=tuple(
+                problem.pressing_of(contact) for contact in range(len(self.scene.contacts))
+            ),
             name=self.scene.name,
             axisymmetric=False,
             parameters=tuple(self.scene.parameters.names),
@@ -378,8 +382,8 @@ class ForeignDiscretisation(Discretisation):
         return self.parts.pairs
 
     def _node_mass(self) -> csr_matrix:
-        own = self._own_nodes
-        return node_mass(len(self.parts.points))[own.start : own.stop]
+        local = self._own_nodes
+        return node_mass(len(self.parts.points))[local.start : local.stop]
 
 
 def _check(scene: Scene, system: Blocks) -> None:
@@ -398,7 +402,9 @@ def _check(scene: Scene, system: Blocks) -> None:
             f"foreign.bodies, one without a law for each of the blocks {names}; "
             "foreign.scene(name, ...) gives both"
         )
-    if system.unchecked and not any(isinstance(item, UncheckedStiffness) for item in scene.outputs):
+    if system.unchecked and not any(
+        isinstance(output, UncheckedStiffness) for output in scene.outputs
+    ):
         raise SceneError(
             f"blocks {', '.join(system.unchecked)} of scene '{scene.name}' have no solved case: "
             "each answer must say "
@@ -412,8 +418,8 @@ def _about_middle(motions: np.ndarray, points: np.ndarray) -> np.ndarray:
     """
     middle = points.mean(axis=0)
     size = float(np.ptp(points, axis=0).max()) or 1.0
-    found = motions.copy()
+    scaled = motions.copy()
     for axis in range(3):
         shift = np.cross(np.eye(3)[axis], middle)
-        found[3 + axis] = (motions[3 + axis] - np.tensordot(shift, motions[:3], 1)) / size
-    return found
+        scaled[3 + axis] = (motions[3 + axis] - np.tensordot(shift, motions[:3], 1)) / size
+    return scaled

@@ -61,16 +61,16 @@ def read_dofs(path: Path) -> tuple[np.ndarray, np.ndarray]:
     ):
         if not line.strip() or (_TITLE.match(line.lstrip()) and not _LINE.match(line)):
             continue
-        found = _LINE.match(line)
-        direction = DIRECTIONS.get(found[3].upper()) if found else None
-        if found is None or direction is None:
+        matched = _LINE.match(line)
+        direction = DIRECTIONS.get(matched[3].upper()) if matched else None
+        if matched is None or direction is None:
             raise FileContentError(
                 f"{path.name}:{number} '{line.strip()}' is no dof: write node.direction, or row "
                 "node direction, with "
                 "directions 1 to 6, UX to ROTZ or DX to DRZ"
             )
-        rows.append(int(found[1]) if found[1] else len(rows) + 1)
-        nodes.append(int(found[2]))
+        rows.append(int(matched[1]) if matched[1] else len(rows) + 1)
+        nodes.append(int(matched[2]))
         directions.append(direction)
     order = np.argsort(rows, kind="stable")
     if sorted(rows) != list(range(1, len(rows) + 1)):

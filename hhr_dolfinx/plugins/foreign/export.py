@@ -39,33 +39,33 @@ def blocks_of_scene(scene: Scene) -> tuple[ForeignBlock, ...]:
     Raises:
         NotOfferedError: for scenes in the plane, of second order, or with laws or moduli that vary.
     """
-    own = any(body.varies or body.law is not None for body in scene.bodies)
-    if scene.hypothesis != "solid" or own or scene.shapes or scene.system is not None:
+    varies = any(body.varies or body.law is not None for body in scene.bodies)
+    if scene.hypothesis != "solid" or varies or scene.shapes or scene.system is not None:
         raise NotOfferedError(
             f"scene '{scene.name}' makes no blocks: a block is a constant K in space, of elastic "
             "bodies; laws, moduli and "
             "shapes that vary act in elements, which K no longer has"
         )
-    made = Discretisation(
+    discretisation = Discretisation(
         replace(scene, loads=(), constraints=(), openings=(), outputs=()), MPI.COMM_SELF
     )
-    if made.order > 1:
+    if discretisation.order > 1:
         raise NotOfferedError(
             f"scene '{scene.name}' has cells of second order, whose faces no block of ours has yet"
         )
-    stiffness = made.stiffness_terms()[0][0]
-    bodies = made.cell_bodies()
-    cells = made._cell_nodes()
-    surfaces = {str(tag): _faces(made, tag) for tag in dict.fromkeys(_tags(scene))}
+    stiffness = discretisation.stiffness_terms()[0][0]
+    bodies = discretisation.cell_bodies()
+    cells = discretisation._cell_nodes()
+    surfaces = {str(tag): _faces(discretisation, tag) for tag in dict.fromkeys(_tags(scene))}
     return tuple(
         _block(
             stiffness,
-            made._points(),
-            np.unique(cells[bodies == place]),
+            discretisation._points(),
+            np.unique(cells[bodies == number]),
             surfaces,
             f"body_{body.tag}",
         )
-        for place, body in enumerate(scene.bodies)
+        for number, body in enumerate(scene.bodies)
     )
 
 
@@ -77,28 +77,28 @@ def _block(
     name: str,
 ) -> ForeignBlock:
     """The block of some nodes."""
-    place = np.full(len(points), -1)
-    place[nodes] = np.arange(nodes.size)
+    numbers = np.full(len(points), -1)
+    numbers[nodes] = np.arange(nodes.size)
     dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
     labels = np.repeat(nodes + 1, 3)
     matrix = ForeignMatrix(
         csr_matrix(stiffness[dofs][:, dofs]), labels, np.tile([1, 2, 3], nodes.size), name
     )
-    inside = {
-        tag: Faces(tuple(place[part] for part in faces.nodes), faces.inner)
+    faces_of_block = {
+        tag: Faces(tuple(numbers[group] for group in faces.nodes), faces.inner)
         for tag, faces in surfaces.items()
-        if (place[faces.members] >= 0).all()
+        if (numbers[faces.members] >= 0).all()
     }
-    where = ForeignNodes(nodes + 1, points[nodes], inside)
+    where = ForeignNodes(nodes + 1, points[nodes], faces_of_block)
     return ForeignBlock(matrix, where, case=_case(matrix, where), name=name)
 
 
 def _tags(scene: Scene) -> Iterator[Tag]:
     """Tags of surfaces that a scene names."""
-    for item in scene.contacts:
-        yield from item.tags
-    for one in (*scene.displacements, *scene.loads):
-        tag = getattr(one, "tag", None)
+    for contact in scene.contacts:
+        yield from contact.tags
+    for condition in (*scene.displacements, *scene.loads):
+        tag = getattr(condition, "tag", None)
         if isinstance(tag, int | str):
             yield tag
 

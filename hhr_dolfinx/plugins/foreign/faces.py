@@ -70,18 +70,24 @@ class Faces:
             inner: point behind each face, (3,).
         """
         counts = sorted({len(row) for row in rows})
-        places = [[k for k, row in enumerate(rows) if len(row) == count] for count in counts]
-        nodes = tuple(np.array([rows[k] for k in own], dtype=np.int64) for own in places)
-        return cls(nodes, tuple(np.array([inner[k] for k in own]) for own in places))
+        indices_by_count = [
+            [k for k, row in enumerate(rows) if len(row) == count] for count in counts
+        ]
+        nodes = tuple(
+            np.array([rows[k] for k in indices], dtype=np.int64) for indices in indices_by_count
+        )
+        return cls(
+            nodes, tuple(np.array([inner[k] for k in indices]) for indices in indices_by_count)
+        )
 
     @property
     def members(self) -> np.ndarray:
         """Indices of all nodes, each once, (n,)."""
-        return np.unique(np.concatenate([part.ravel() for part in self.nodes]))
+        return np.unique(np.concatenate([group.ravel() for group in self.nodes]))
 
     def shifted(self, first: int) -> Faces:
         """The same faces where nodes count from another number."""
-        return Faces(tuple(part + first for part in self.nodes), self.inner)
+        return Faces(tuple(group + first for group in self.nodes), self.inner)
 
     def flat(self) -> tuple[np.ndarray, np.ndarray]:
         """Flat facets, (f, 3) or (f, 4), and a point behind each, (f, 3).
@@ -90,18 +96,20 @@ class Faces:
         """
         if len(self.nodes) == 1 and self.nodes[0].shape[1] == 4:
             return self.nodes[0], self.inner[0]
-        parts = [part[:, list(own)] for part in self.nodes for own in PARTS[part.shape[1]]]
+        facets = [
+            group[:, list(corners)] for group in self.nodes for corners in PARTS[group.shape[1]]
+        ]
         inner = [
             behind
-            for part, behind in zip(self.nodes, self.inner, strict=True)
-            for _ in PARTS[part.shape[1]]
+            for group, behind in zip(self.nodes, self.inner, strict=True)
+            for _ in PARTS[group.shape[1]]
         ]
-        return np.concatenate(parts), np.concatenate(inner)
+        return np.concatenate(facets), np.concatenate(inner)
 
     def triangles(self) -> np.ndarray:
         """Triangles of all faces, (t, 3)."""
         return np.concatenate(
-            [part[:, list(own)] for part in self.nodes for own in PARTS[part.shape[1]]]
+            [group[:, list(corners)] for group in self.nodes for corners in PARTS[group.shape[1]]]
         )
 
     def forces(self, points: np.ndarray, traction: np.ndarray | None) -> np.ndarray:
@@ -111,10 +119,10 @@ class Faces:
             points: coordinates of all nodes, (nodes, 3).
             traction: force per area.
         """
-        found = np.zeros(points.shape)
-        for part, behind in zip(self.nodes, self.inner, strict=True):
-            for weights, values, slopes in _rule(part.shape[1]):
-                corners = points[part]
+        forces = np.zeros(points.shape)
+        for group, behind in zip(self.nodes, self.inner, strict=True):
+            for weights, values, slopes in _rule(group.shape[1]):
+                corners = points[group]
                 along = np.einsum("ka,fkd->fad", slopes, corners)
                 normal = np.cross(along[:, 0], along[:, 1])
                 if traction is None:
@@ -123,11 +131,11 @@ class Faces:
                 else:
                     pull = np.linalg.norm(normal, axis=1)[:, None] * traction
                 np.add.at(
-                    found,
-                    part.ravel(),
+                    forces,
+                    group.ravel(),
                     np.einsum("k,fd->fkd", weights * values, pull).reshape(-1, 3),
                 )
-        return found
+        return forces
 
 
 def solid_faces(element: Sequence[int]) -> list[list[int]]:
@@ -142,11 +150,11 @@ def solid_faces(element: Sequence[int]) -> list[list[int]]:
         middles = {
             frozenset(edge): element[count + k] for k, edge in enumerate(EDGES_BY_CORNERS[count])
         }
-    found = []
+    faces = []
     for face in CORNER_FACES[count]:
         edges = [frozenset((face[k], face[(k + 1) % len(face)])) for k in range(len(face))]
-        found.append([element[k] for k in face] + [middles[edge] for edge in edges if middles])
-    return found
+        faces.append([element[k] for k in face] + [middles[edge] for edge in edges if middles])
+    return faces
 
 
 def outer_faces(elements: Sequence[Sequence[int]], points: np.ndarray) -> Faces:
@@ -160,7 +168,7 @@ def outer_faces(elements: Sequence[Sequence[int]], points: np.ndarray) -> Faces:
     for number, element in enumerate(elements):
         for face in solid_faces(element):
             owners.setdefault(frozenset(face), []).append((face, number))
-    single = [own[0] for own in owners.values() if len(own) == 1]
+    single = [sharing[0] for sharing in owners.values() if len(sharing) == 1]
     middles = [
         points[list(elements[number][: CORNERS_BY_NODES[len(elements[number])]])].mean(axis=0)
         for _, number in single
@@ -170,15 +178,15 @@ def outer_faces(elements: Sequence[Sequence[int]], points: np.ndarray) -> Faces:
 
 def joined_faces(parts: Sequence[Faces]) -> Faces:
     """All faces of several groups."""
-    rows = list(chain.from_iterable(part.tolist() for own in parts for part in own.nodes))
-    return Faces.of(rows, [behind for own in parts for part in own.inner for behind in part])
+    rows = list(chain.from_iterable(group.tolist() for faces in parts for group in faces.nodes))
+    return Faces.of(rows, [behind for faces in parts for group in faces.inner for behind in group])
 
 
 def _rule(count: int) -> list[tuple[float, np.ndarray, np.ndarray]]:
     """Gauss points of a face: weight, shape functions (k,), and their derivatives (k, 2)."""
     if count in (3, 6):
-        places = [(1 / 6, 1 / 6), (2 / 3, 1 / 6), (1 / 6, 2 / 3)]
-        return [(1 / 6, *_triangle(count, *place)) for place in places]
+        positions = [(1 / 6, 1 / 6), (2 / 3, 1 / 6), (1 / 6, 2 / 3)]
+        return [(1 / 6, *_triangle(count, *position)) for position in positions]
     line = [(-(0.6**0.5), 5 / 9), (0.0, 8 / 9), (0.6**0.5, 5 / 9)]
     return [(a * b, *_quadrilateral(count, x, y)) for x, a in line for y, b in line]
 

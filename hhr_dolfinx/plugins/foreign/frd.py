@@ -63,19 +63,19 @@ def read_frd(path: Path) -> Results:
 
 def _values(lines: list[str], start: int) -> dict[int, tuple[float, float, float]]:
     """Three numbers of twelve characters by label, up to the end of a block."""
-    found = {}
+    values = {}
     for line in lines[start:]:
         if line.startswith(" -3"):
             break
         if line.startswith(" -1"):
             label = int(line[3:13])
-            found[label] = (float(line[13:25]), float(line[25:37]), float(line[37:49]))
-    return found
+            values[label] = (float(line[13:25]), float(line[25:37]), float(line[37:49]))
+    return values
 
 
 def _elements(lines: list[str], start: int) -> dict[int, list[int]]:
     """Labels of the nodes of elements by number, up to the end of a block."""
-    found: dict[int, list[int]] = {}
+    elements: dict[int, list[int]] = {}
     kinds: dict[int, int] = {}
     number = 0
     for line in lines[start:]:
@@ -84,12 +84,12 @@ def _elements(lines: list[str], start: int) -> dict[int, list[int]]:
         if line.startswith(" -1"):
             number = int(line[3:13])
             kinds[number] = int(line[13:18])
-            found[number] = []
+            elements[number] = []
         elif line.startswith(" -2"):
-            found[number] += [int(line[k : k + 10]) for k in range(3, len(line.rstrip()), 10)]
-    for number, own in found.items():
-        if len(own) != NODES_OF_TYPE[kinds[number]]:
-            raise ValueError(f"element {number} has {len(own)} nodes")
+            elements[number] += [int(line[k : k + 10]) for k in range(3, len(line.rstrip()), 10)]
+    for number, nodes in elements.items():
+        if len(nodes) != NODES_OF_TYPE[kinds[number]]:
+            raise ValueError(f"element {number} has {len(nodes)} nodes")
         if kinds[number] in ORDERS:
-            found[number] = [own[place] for place in ORDERS[kinds[number]]]
-    return found
+            elements[number] = [nodes[index] for index in ORDERS[kinds[number]]]
+    return elements

@@ -68,8 +68,8 @@ class NodesToGround(KnownArguments):
         try:
             normals = np.broadcast_to(np.asarray(self.normal, dtype=float), (count, dim))
             gaps, areas = (
-                np.broadcast_to(np.asarray(one, dtype=float), (count,))
-                for one in (self.gap, self.area)
+                np.broadcast_to(np.asarray(value, dtype=float), (count,))
+                for value in (self.gap, self.area)
             )
         except ValueError:
             raise SceneError(

@@ -64,22 +64,22 @@ class ForeignLoad(KnownArguments):
                 f"a foreign load is of block {self.block!r}, and there are {', '.join(names)}: "
                 "name one"
             )
-        place = names.index(self.block) if self.block else 0
-        given = self.forces if isinstance(self.forces, Mapping) else read_load(Path(self.forces))
-        nodes = parts.made[place].nodes
-        turning = parts.made[place].turning
+        number = names.index(self.block) if self.block else 0
+        forces = self.forces if isinstance(self.forces, Mapping) else read_load(Path(self.forces))
+        nodes = parts.made[number].nodes
+        turning = parts.made[number].turning
         index = {int(label): k for k, label in enumerate(nodes.labels)}
-        found = np.zeros(3 * len(parts.points))
-        for (label, direction), value in given.items():
+        vector = np.zeros(3 * len(parts.points))
+        for (label, direction), value in forces.items():
             node = index.get(label, -1)
             node = int(turning[node]) if node >= 0 and direction > 3 else node
             if node < 0:
                 raise SceneError(
                     f"a foreign load acts on dof {label}.{direction}, which K of block "
-                    f"'{names[place]}' lacks"
+                    f"'{names[number]}' lacks"
                 )
-            found[3 * (int(parts.firsts[place]) + node) + (direction - 1) % 3] += value
-        return found
+            vector[3 * (int(parts.firsts[number]) + node) + (direction - 1) % 3] += value
+        return vector
 
 
 def vector_of(load: object, parts: Parts) -> np.ndarray | None:
@@ -112,9 +112,9 @@ def vector_of(load: object, parts: Parts) -> np.ndarray | None:
                 f"the nodal force {load.vector} at {load.place!r} must have three components"
             )
         nodes = parts.nodes(load.place)
-        found = np.zeros((len(parts.points), 3))
-        found[nodes] = parts.shares(nodes)[:, None] * np.array(load.vector)
-        return found.ravel()
+        forces = np.zeros((len(parts.points), 3))
+        forces[nodes] = parts.shares(nodes)[:, None] * np.array(load.vector)
+        return forces.ravel()
     return None
 
 
@@ -127,7 +127,7 @@ def read_load(path: Path) -> dict[tuple[int, int], float]:
     """
     if not path.is_file():
         raise FileError(f"there is no load vector {path}")
-    found: dict[tuple[int, int], float] = {}
+    forces: dict[tuple[int, int], float] = {}
     for number, line in enumerate(
         path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1
     ):
@@ -136,9 +136,9 @@ def read_load(path: Path) -> dict[tuple[int, int], float]:
             continue
         try:
             key = int(words[0]), DIRECTIONS[words[1].upper()]
-            found[key] = found.get(key, 0.0) + float(words[2])
+            forces[key] = forces.get(key, 0.0) + float(words[2])
         except (ValueError, IndexError, KeyError):
             raise FileContentError(
                 f"{path.name}:{number} '{line}' is no force: label direction force"
             ) from None
-    return found
+    return forces

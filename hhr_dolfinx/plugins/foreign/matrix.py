@@ -82,12 +82,12 @@ def symmetric_of_half(
         raise FileContentError(
             f"{source} states an entry twice: it is damaged, or two matrices are in one file"
         )
-    whole = coo_matrix((entries, (rows, columns)), shape=(size, size)).tocsr()
-    low = tril(whole, -1, format="csr")
-    up = triu(whole, 1, format="csr")
+    stated = coo_matrix((entries, (rows, columns)), shape=(size, size)).tocsr()
+    low = tril(stated, -1, format="csr")
+    up = triu(stated, 1, format="csr")
     if low.nnz and up.nnz:
-        return _averaged(whole, source)
-    return csr_matrix(whole + (low if low.nnz else up).T)
+        return _averaged(stated, source)
+    return csr_matrix(stated + (low if low.nnz else up).T)
 
 
 def _averaged(matrix: csr_matrix, source: str) -> csr_matrix:
@@ -134,15 +134,15 @@ def checked_matrix(found: ForeignMatrix) -> ForeignMatrix:
     matrix.eliminate_zeros()
     _check_halves(matrix, source)
     matrix = _averaged(matrix, source)
-    given = ForeignMatrix(
+    checked = ForeignMatrix(
         matrix, found.nodes, found.directions, source, found.sequence, found.superelement
     )
-    given = _without_idle_rows(given)
-    _check_names(given)
-    _check_diagonal(given)
-    _check_condensed(given)
-    _warn_of_single_precision(given)
-    return given
+    checked = _without_idle_rows(checked)
+    _check_names(checked)
+    _check_diagonal(checked)
+    _check_condensed(checked)
+    _warn_of_single_precision(checked)
+    return checked
 
 
 def _check_halves(matrix: csr_matrix, source: str) -> None:
@@ -159,12 +159,12 @@ def _check_halves(matrix: csr_matrix, source: str) -> None:
 
 def _without_idle_rows(given: ForeignMatrix) -> ForeignMatrix:
     """The matrix without rows of zeros, such as rotations of nodes of solids."""
-    kept = np.flatnonzero(np.diff(given.matrix.indptr))
-    if kept.size == len(given.nodes):
+    nonzero = np.flatnonzero(np.diff(given.matrix.indptr))
+    if nonzero.size == len(given.nodes):
         return given
-    matrix = csr_matrix(given.matrix[kept][:, kept])
-    nodes = given.nodes[kept]
-    directions = given.directions[kept]
+    matrix = csr_matrix(given.matrix[nonzero][:, nonzero])
+    nodes = given.nodes[nonzero]
+    directions = given.directions[nonzero]
     return ForeignMatrix(
         matrix, nodes, directions, given.source, given.sequence, given.superelement
     )

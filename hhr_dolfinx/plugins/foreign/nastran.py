@@ -36,9 +36,9 @@ def read_op4(path: Path, dofs: Path | None = None, name: str = "") -> ForeignMat
         FileContentError: for a damaged file, or one without such a matrix.
     """
     matrices = read_matrices(path)
-    found = matrices[_chosen(list(matrices), name, path)]
+    matrix = matrices[_chosen(list(matrices), name, path)]
     nodes, directions = read_dofs(dofs or table_beside(path))
-    return ForeignMatrix(csr_matrix(found), nodes, directions, path.name)
+    return ForeignMatrix(csr_matrix(matrix), nodes, directions, path.name)
 
 
 def read_dmig(path: Path, name: str = "") -> ForeignMatrix:
@@ -61,19 +61,19 @@ def read_dmig(path: Path, name: str = "") -> ForeignMatrix:
     chosen = _chosen(list(columns), name, path)
     form = _header(headers.get(chosen), chosen, path)
     try:
-        found = np.array([entry for words in columns[chosen] for entry in _column(words)])
+        entries = np.array([entry for words in columns[chosen] for entry in _column(words)])
     except (ValueError, IndexError) as error:
         raise FileContentError(
             f"{path}: DMIG {chosen} has an entry that is not understood: {error}"
         ) from None
-    keys = found[:, [0, 2]].astype(np.int64) * 16 + found[:, [1, 3]].astype(np.int64)
-    names, place = np.unique(keys, return_inverse=True)
-    rows, cols = place.reshape(keys.shape).T
+    keys = entries[:, [0, 2]].astype(np.int64) * 16 + entries[:, [1, 3]].astype(np.int64)
+    names, inverse = np.unique(keys, return_inverse=True)
+    rows, cols = inverse.reshape(keys.shape).T
     half = form == 6
     if half:
-        matrix = symmetric_of_half(rows, cols, found[:, 4], names.size, path.name)
+        matrix = symmetric_of_half(rows, cols, entries[:, 4], names.size, path.name)
     else:
-        matrix = csr_matrix((found[:, 4], (rows, cols)), shape=(names.size,) * 2)
+        matrix = csr_matrix((entries[:, 4], (rows, cols)), shape=(names.size,) * 2)
     nodes, directions = np.divmod(names, 16)
     return ForeignMatrix(matrix, nodes, directions, path.name)
 
@@ -97,7 +97,7 @@ def _header(words: list[str] | None, name: str, path: Path) -> int:
 
 def _entries(path: Path) -> list[list[str]]:
     """Words of all DMIG entries after the first field, continuations joined."""
-    found: list[list[str]] = []
+    entries: list[list[str]] = []
     open_entry = False
     for line in path.read_text(encoding="ascii", errors="replace").splitlines():
         text = line.partition("$")[0].rstrip()
@@ -105,15 +105,15 @@ def _entries(path: Path) -> list[list[str]]:
             continue
         first, words = _fields(text)
         if first.startswith("DMIG"):
-            found.append(words)
+            entries.append(words)
             open_entry = True
         elif open_entry and (not first or first[0] in "+*"):
-            found[-1] += words
+            entries[-1] += words
         else:
             open_entry = False
-    if not found:
+    if not entries:
         raise FileContentError(f"{path} has no DMIG")
-    return found
+    return entries
 
 
 def _fields(text: str) -> tuple[str, list[str]]:
@@ -133,13 +133,13 @@ def _column(words: list[str]) -> list[tuple[float, ...]]:
     """
     node = int(words[1])
     direction = int(words[2] or 0)
-    found: list[tuple[float, ...]] = []
-    rest = words[4:] if len(words) > 3 and not words[3] else words[3:]
-    for place in range(0, len(rest), 4):
-        group = rest[place : place + 4]
+    entries: list[tuple[float, ...]] = []
+    fields = words[4:] if len(words) > 3 and not words[3] else words[3:]
+    for start in range(0, len(fields), 4):
+        group = fields[start : start + 4]
         if len(group) >= 3 and group[0]:
-            found.append((int(group[0]), int(group[1] or 0), node, direction, _real(group[2])))
-    return found
+            entries.append((int(group[0]), int(group[1] or 0), node, direction, _real(group[2])))
+    return entries
 
 
 def _real(word: str) -> float:
@@ -148,10 +148,10 @@ def _real(word: str) -> float:
     mantissa = text[0]
     sign = ""
     exponent = ""
-    for place, letter in enumerate(text[1:], start=1):
-        if letter in "+-" and text[place - 1] != "E":
+    for index, letter in enumerate(text[1:], start=1):
+        if letter in "+-" and text[index - 1] != "E":
             sign = letter
-            exponent = text[place + 1 :]
+            exponent = text[index + 1 :]
             break
         mantissa += letter
     return float(f"{mantissa}E{sign}{exponent}" if exponent else text)
@@ -163,7 +163,7 @@ def _chosen(names: list[str], name: str, path: Path) -> str:
         if name not in names:
             raise FileContentError(f"{path} has no matrix {name}, but {', '.join(names)}")
         return name
-    usual = [one for one in STIFFNESSES if one in names]
+    usual = [candidate for candidate in STIFFNESSES if candidate in names]
     if len(names) == 1 or usual:
         return usual[0] if usual else names[0]
     raise FileContentError(

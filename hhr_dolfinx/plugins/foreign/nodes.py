@@ -91,9 +91,9 @@ class ForeignNodes:
         by = np.asarray(shift, dtype=float)
 
         def shifted(faces: Faces) -> Faces:
-            return Faces(faces.nodes, tuple(part + by for part in faces.inner))
+            return Faces(faces.nodes, tuple(behind + by for behind in faces.inner))
 
-        surfaces = {name: shifted(own) for name, own in self.surfaces.items()}
+        surfaces = {name: shifted(surface) for name, surface in self.surfaces.items()}
         outer = None if self.outer is None else shifted(self.outer)
         return replace(self, points=self.points + by, surfaces=surfaces, outer=outer)
 
@@ -107,8 +107,8 @@ class ForeignNodes:
         Raises:
             SceneError: for points where no node is.
         """
-        made = {name: _matched(self, name, Path(path)) for name, path in files.items()}
-        return replace(self, surfaces={**self.surfaces, **made})
+        surfaces = {name: _matched(self, name, Path(path)) for name, path in files.items()}
+        return replace(self, surfaces={**self.surfaces, **surfaces})
 
 
 def read_nodes(path: str | Path, results: str | Path | None = None) -> ForeignNodes:
@@ -195,12 +195,12 @@ def solids_of_deck(deck: DeckContents) -> ForeignNodes:
     """Nodes of a deck as they are, with the surfaces that its solids have."""
     names = ("C3D", "SC", "F3D")
     solids = {
-        n: own
-        for n, own in deck.whole.items()
-        if len(own) in CORNERS_BY_NODES and deck.types[n].startswith(names)
+        n: nodes
+        for n, nodes in deck.whole.items()
+        if len(nodes) in CORNERS_BY_NODES and deck.types[n].startswith(names)
     }
     return _of_solids(
-        deck, solids, {label: tuple(place) for label, place in deck.nodes.items()}, {}
+        deck, solids, {label: tuple(coordinates) for label, coordinates in deck.nodes.items()}, {}
     )
 
 
@@ -208,20 +208,20 @@ def _expanded(deck: DeckContents, results: Results, path: Path) -> ForeignNodes:
     """Nodes of the solids that stand for the elements of a deck."""
     original: dict[int, int] = {}
     idle: set[int] = set()
-    for number, own in results.elements.items():
+    for number, expanded in results.elements.items():
         nodes = deck.whole.get(number)
-        if nodes is None or (len(own) == len(nodes) and deck.types[number].startswith("C3D")):
+        if nodes is None or (len(expanded) == len(nodes) and deck.types[number].startswith("C3D")):
             continue
         key = deck.types[number][0], len(nodes)
-        if key not in EXPANDED or len(EXPANDED[key]) != len(own):
+        if key not in EXPANDED or len(EXPANDED[key]) != len(expanded):
             raise FileContentError(
-                f"element {number} of type {deck.types[number]} has {len(own)} nodes in "
+                f"element {number} of type {deck.types[number]} has {len(expanded)} nodes in "
                 f"{path.stem}.frd, which is not "
                 "understood: write it with *NODE FILE, OUTPUT=3D"
             )
-        for place, (label, at) in enumerate(zip(own, EXPANDED[key], strict=True)):
+        for position, (label, at) in enumerate(zip(expanded, EXPANDED[key], strict=True)):
             original[label] = nodes[at]
-            if _is_between(key, place):
+            if _is_between(key, position):
                 idle.add(label)
     return _of_solids(deck, results.elements, results.nodes, original, idle)
 
@@ -253,8 +253,8 @@ def _of_solids(
     }
     stands = np.array([original.get(label, label) for label in labels], dtype=np.int64)
     surfaces = {}
-    for name, given in deck.faces.items():
-        if (faces := _faces(deck, given, rows, points)) is not None:
+    for name, sides in deck.faces.items():
+        if (faces := _faces(deck, sides, rows, points)) is not None:
             surfaces[deck.spelling["surface", name]] = faces
     for name, members in deck.unions.items():
         candidates = [
@@ -266,9 +266,9 @@ def _of_solids(
     for k, label in enumerate(stands.tolist()):
         by_deck.setdefault(label, []).append(k)
     sets = {
-        deck.spelling["nset", name]: np.unique([k for n in numbers for k in by_deck.get(n, ())]).astype(
-            np.int64
-        )
+        deck.spelling["nset", name]: np.unique(
+            [k for n in numbers for k in by_deck.get(n, ())]
+        ).astype(np.int64)
         for name, numbers in deck.node_sets.items()
     }
     carries = np.array([label not in idle for label in labels])
@@ -285,33 +285,33 @@ def _faces(
     points: np.ndarray,
 ) -> Faces | None:
     """Faces of a surface of a deck; None if no solid has them."""
-    found: list[list[int]] = []
+    selected: list[list[int]] = []
     inner: list[np.ndarray] = []
-    for what, face in given:
-        numbers = [int(what)] if what.isdigit() else deck.element_sets.get(what.upper(), [])
-        own = [rows[number] for number in numbers if number in rows]
-        if not face and own:
+    for name, face in given:
+        numbers = [int(name)] if name.isdigit() else deck.element_sets.get(name.upper(), [])
+        solids = [rows[number] for number in numbers if number in rows]
+        if not face and solids:
             outer = outer_faces(list(rows.values()), points)
-            members = [set(row) for row in own]
-            for part, behind in zip(outer.nodes, outer.inner, strict=True):
-                kept = [
+            members = [set(row) for row in solids]
+            for group, behind in zip(outer.nodes, outer.inner, strict=True):
+                on_solids = [
                     k
-                    for k, row in enumerate(part.tolist())
-                    if any(set(row) <= one for one in members)
+                    for k, row in enumerate(group.tolist())
+                    if any(set(row) <= member for member in members)
                 ]
-                found += part[kept].tolist()
-                inner += list(behind[kept])
+                selected += group[on_solids].tolist()
+                inner += list(behind[on_solids])
             continue
-        place = SIDES.get(face) or (int(face[1:]) if face[1:].isdigit() else 0)
-        for row in own:
+        side = SIDES.get(face) or (int(face[1:]) if face[1:].isdigit() else 0)
+        for row in solids:
             faces = solid_faces(row)
-            if not 1 <= place <= len(faces):
+            if not 1 <= side <= len(faces):
                 raise FileContentError(
-                    f"'{what}, {face}' is no face of a solid with {len(row)} nodes"
+                    f"'{name}, {face}' is no face of a solid with {len(row)} nodes"
                 )
-            found.append(faces[place - 1])
+            selected.append(faces[side - 1])
             inner.append(points[row[: CORNERS_BY_NODES[len(row)]]].mean(axis=0))
-    return Faces.of(found, inner) if found else None
+    return Faces.of(selected, inner) if selected else None
 
 
 def _of_mesh(path: Path) -> ForeignNodes:
@@ -332,7 +332,7 @@ def _of_mesh(path: Path) -> ForeignNodes:
         Faces.of(*_of_facets(mesh, points)) if any(block.dim == 2 for block in mesh.cells) else None
     )
     outer = outer_faces(solids, points) if solids else flat
-    sets = {name: np.asarray(own, dtype=np.int64) for name, own in mesh.point_sets.items()}
+    sets = {name: np.asarray(numbers, dtype=np.int64) for name, numbers in mesh.point_sets.items()}
     surfaces = {} if outer is None else {"outside": outer}
     return ForeignNodes(
         labels, points, surfaces | dict(_named_surfaces(mesh, points)), sets, outer=outer
@@ -351,20 +351,20 @@ def _of_facets(
     mesh: Any, points: np.ndarray, chosen: Sequence[Any] | None = None
 ) -> tuple[list[list[int]], list[np.ndarray]]:
     """Nodes of flat cells of a mesh, and a point behind each, by the order of its corners."""
-    found: list[list[int]] = []
+    facets: list[list[int]] = []
     inner: list[np.ndarray] = []
     for number, block in enumerate(mesh.cells):
-        own = np.arange(len(block.data)) if chosen is None else chosen[number]
-        if block.dim != 2 or own is None or not len(own):
+        cells = np.arange(len(block.data)) if chosen is None else chosen[number]
+        if block.dim != 2 or cells is None or not len(cells):
             continue
-        for row in block.data[np.asarray(own, dtype=int)].tolist():
+        for row in block.data[np.asarray(cells, dtype=int)].tolist():
             a = points[row[0]]
             b = points[row[1]]
             c = points[row[2]]
             normal = np.cross(b - a, c - a)
-            found.append(row)
+            facets.append(row)
             inner.append((a + b + c) / 3 - normal / (np.linalg.norm(normal) ** 0.5 or 1.0))
-    return found, inner
+    return facets, inner
 
 
 def _matched(nodes: ForeignNodes, name: str, path: Path) -> Faces:
@@ -373,7 +373,7 @@ def _matched(nodes: ForeignNodes, name: str, path: Path) -> Faces:
 
     mesh = _by_meshio(path)
     points = _in_space(mesh.points)
-    away, place = cKDTree(nodes.points).query(points)
+    away, nearest = cKDTree(nodes.points).query(points)
     reach = MATCH_TOLERANCE * np.ptp(nodes.points, axis=0).max() + 1e-7 * np.abs(points).max()
     used = np.unique(np.concatenate([block.data.ravel() for block in mesh.cells]))
     if (lost := used[away[used] > reach]).size:
@@ -386,7 +386,7 @@ def _matched(nodes: ForeignNodes, name: str, path: Path) -> Faces:
     rows, inner = _of_facets(mesh, points)
     if not rows:
         raise SceneError(f"surface '{name}': {path.name} has no triangles or quadrilaterals")
-    return Faces.of([[int(place[k]) for k in row] for row in rows], inner)
+    return Faces.of([[int(nearest[k]) for k in row] for row in rows], inner)
 
 
 def _by_meshio(path: Path) -> Any:

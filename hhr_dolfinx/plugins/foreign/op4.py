@@ -60,7 +60,7 @@ def _real(header: Header) -> Header:
 
 def _of_text(text: str) -> dict[str, coo_matrix]:
     """Matrices of a file of text: lines of whole numbers are headers, others are values."""
-    found: dict[str, coo_matrix] = {}
+    matrices: dict[str, coo_matrix] = {}
     lines = text.splitlines()
     at = 0
     while at < len(lines):
@@ -68,10 +68,10 @@ def _of_text(text: str) -> dict[str, coo_matrix]:
         columns, rows, _, kind = (int(line[k : k + 8]) for k in (0, 8, 16, 24))
         header = _real(Header(columns, abs(rows), kind, line[32:40].strip(), rows < 0))
         wide = re.search(r"[DE](\d+)\.", line[40:].upper())
-        at, found[header.name] = _columns_of_text(
+        at, matrices[header.name] = _columns_of_text(
             lines, at + 1, header, int(wide[1]) if wide else 16
         )
-    return found
+    return matrices
 
 
 def _columns_of_text(
@@ -98,18 +98,18 @@ def _columns_of_text(
 
 def _values(lines: list[str], at: int, width: int) -> tuple[int, list[float]]:
     """Line after values, and these: numbers of a width, with a point."""
-    found: list[float] = []
+    values: list[float] = []
     while at < len(lines) and "." in lines[at]:
         line = lines[at].rstrip()
-        found += [float(line[k : k + width].replace("D", "E")) for k in range(0, len(line), width)]
+        values += [float(line[k : k + width].replace("D", "E")) for k in range(0, len(line), width)]
         at += 1
-    return at, found
+    return at, values
 
 
 def _of_binary(data: bytes, order: str) -> dict[str, coo_matrix]:
     """Matrices of a file of Fortran records."""
     records = _records(data, order)
-    found: dict[str, coo_matrix] = {}
+    matrices: dict[str, coo_matrix] = {}
     while records:
         head = records.pop(0)
         columns, rows, _, kind = struct.unpack(f"{order}4i", head[:16])
@@ -123,21 +123,21 @@ def _of_binary(data: bytes, order: str) -> dict[str, coo_matrix]:
             if column > columns:
                 break
             entries += _strings(record[12 : 12 + 4 * words], column, first, header, order)
-        found[header.name] = _matrix(entries, header)
-    return found
+        matrices[header.name] = _matrix(entries, header)
+    return matrices
 
 
 def _records(data: bytes, order: str) -> list[bytes]:
     """Fortran records of a file."""
-    found = []
+    records = []
     at = 0
     while at < len(data):
         (size,) = struct.unpack(f"{order}i", data[at : at + 4])
         if data[at + 4 + size : at + 8 + size] != data[at : at + 4]:
             raise ValueError(f"a record at byte {at} has no end")
-        found.append(data[at + 4 : at + 4 + size])
+        records.append(data[at + 4 : at + 4 + size])
         at += size + 8
-    return found
+    return records
 
 
 def _strings(
@@ -147,7 +147,7 @@ def _strings(
     kind = np.dtype(f"{order}f{4 * header.kind}")
     if first > 0:
         return [(column, first, np.frombuffer(body, kind).tolist())]
-    found = []
+    strings = []
     at = 0
     while at < len(body):
         if header.big:
@@ -159,16 +159,16 @@ def _strings(
             at += 4
             words = word // STRING - 1
             row = word % STRING
-        found.append((column, row, np.frombuffer(body[at : at + 4 * words], kind).tolist()))
+        strings.append((column, row, np.frombuffer(body[at : at + 4 * words], kind).tolist()))
         at += 4 * words
-    return found
+    return strings
 
 
 def _matrix(entries: list[tuple[int, int, list[float]]], header: Header) -> coo_matrix:
     """Sparse matrix of strings of columns."""
     rows = [row - 1 + k for _, row, values in entries for k in range(len(values))]
     columns = [column - 1 for column, _, values in entries for _ in values]
-    values = [value for _, _, own in entries for value in own]
-    found = coo_matrix((values, (rows, columns)), shape=(header.rows, header.columns))
-    found.eliminate_zeros()
-    return found
+    values = [value for _, _, numbers in entries for value in numbers]
+    matrix = coo_matrix((values, (rows, columns)), shape=(header.rows, header.columns))
+    matrix.eliminate_zeros()
+    return matrix

@@ -89,17 +89,17 @@ class Parts:
     @cached_property
     def firsts(self) -> np.ndarray:
         """Number of the first node of each block, and of all nodes, (b + 1,)."""
-        return np.concatenate([[0], np.cumsum([len(one.points) for one in self.made])])
+        return np.concatenate([[0], np.cumsum([len(placed.points) for placed in self.made])])
 
     @cached_property
     def points(self) -> np.ndarray:
         """Coordinates of all nodes, (n, 3)."""
-        return np.vstack([one.points for one in self.made])
+        return np.vstack([placed.points for placed in self.made])
 
     @cached_property
     def known(self) -> np.ndarray:
         """Dofs that a K has, (3 n,) bool."""
-        return np.concatenate([one.known for one in self.made])
+        return np.concatenate([placed.known for placed in self.made])
 
     @cached_property
     def matrices(self) -> tuple[csr_matrix, ...]:
@@ -107,17 +107,19 @@ class Parts:
         each.
         """
         size = 3 * len(self.points)
-        joined = csr_matrix(block_diag([abs(one.matrix) for one in self.made]) + identity(size))
+        joined = csr_matrix(
+            block_diag([abs(placed.matrix) for placed in self.made]) + identity(size)
+        )
         pattern = csr_matrix(
             (np.zeros(joined.nnz), joined.indices, joined.indptr), shape=joined.shape
         )
-        found = []
-        for first, one in zip(self.firsts, self.made, strict=False):
-            entries = coo_matrix(one.matrix)
-            place = entries.row + 3 * first, entries.col + 3 * first
-            own = csr_matrix((entries.data, place), shape=(size, size))
-            found.append(_in_pattern(own, pattern))
-        return tuple(found)
+        matrices = []
+        for first, placed in zip(self.firsts, self.made, strict=False):
+            entries = coo_matrix(placed.matrix)
+            indices = entries.row + 3 * first, entries.col + 3 * first
+            matrix = csr_matrix((entries.data, indices), shape=(size, size))
+            matrices.append(_in_pattern(matrix, pattern))
+        return tuple(matrices)
 
     @cached_property
     def pairs(self) -> np.ndarray:
@@ -128,28 +130,28 @@ class Parts:
         differences are strains.
         """
         count = len(self.points)
-        own = np.arange(count)
-        for first, one in zip(self.firsts, self.made, strict=False):
-            turned = np.flatnonzero(one.turning >= 0)
-            own[first + one.turning[turned]] = first + turned
+        owners = np.arange(count)
+        for first, placed in zip(self.firsts, self.made, strict=False):
+            turned = np.flatnonzero(placed.turning >= 0)
+            owners[first + placed.turning[turned]] = first + turned
         entries = self.matrices[0].tocoo()
         rows = entries.row.astype(np.int64) // 3
         columns = entries.col.astype(np.int64) // 3
-        rotations = (own[rows] != rows) | (own[columns] != columns)
-        rows = np.where(rotations, own[rows], rows)
-        columns = np.where(rotations, own[columns], columns)
-        turning = np.flatnonzero(own != np.arange(count))
+        rotations = (owners[rows] != rows) | (owners[columns] != columns)
+        rows = np.where(rotations, owners[rows], rows)
+        columns = np.where(rotations, owners[columns], columns)
+        turning = np.flatnonzero(owners != np.arange(count))
         pairs = np.column_stack(
-            [np.concatenate([rows, own[turning]]), np.concatenate([columns, turning])]
+            [np.concatenate([rows, owners[turning]]), np.concatenate([columns, turning])]
         )
         keys = np.sort(pairs[:, 0] * count + pairs[:, 1])
         keys = keys[np.concatenate([[True], keys[1:] > keys[:-1]])]
         first, second = np.divmod(keys, count)
-        kept = first <= second
+        selected = first <= second
         coupled = np.zeros(count, dtype=bool)
         coupled[np.concatenate([first[first < second], second[first < second]])] = True
-        kept &= (first < second) | ~coupled[first]
-        return np.column_stack([first[kept], second[kept]])
+        selected &= (first < second) | ~coupled[first]
+        return np.column_stack([first[selected], second[selected]])
 
     def block_of(self, nodes: np.ndarray) -> np.ndarray:
         """Block of each node, (k,)."""
@@ -160,30 +162,30 @@ class Parts:
         """Faces by name; of several blocks ``block.NAME``."""
         return {
             self._name(block, name): faces.shifted(int(first))
-            for first, block, one in zip(self.firsts, self.blocks, self.made, strict=False)
-            for name, faces in one.nodes.surfaces.items()
+            for first, block, placed in zip(self.firsts, self.blocks, self.made, strict=False)
+            for name, faces in placed.nodes.surfaces.items()
         }
 
     @cached_property
     def sets(self) -> dict[str, np.ndarray]:
         """Numbers of nodes by name; of several blocks ``block.NAME``."""
         return {
-            self._name(block, name): own + first
-            for first, block, one in zip(self.firsts, self.blocks, self.made, strict=False)
-            for name, own in one.nodes.sets.items()
+            self._name(block, name): nodes + first
+            for first, block, placed in zip(self.firsts, self.blocks, self.made, strict=False)
+            for name, nodes in placed.nodes.sets.items()
         }
 
     @cached_property
     def outer(self) -> Faces | None:
         """Faces to draw of all blocks; None if there are none."""
-        found = []
-        for first, one in zip(self.firsts, self.made, strict=False):
-            own = one.nodes.outer
-            if own is None and one.nodes.surfaces:
-                own = joined_faces(list(one.nodes.surfaces.values()))
-            if own is not None and own.nodes:
-                found.append(own.shifted(int(first)))
-        return joined_faces(found) if found else None
+        faces_of_blocks = []
+        for first, placed in zip(self.firsts, self.made, strict=False):
+            faces = placed.nodes.outer
+            if faces is None and placed.nodes.surfaces:
+                faces = joined_faces(list(placed.nodes.surfaces.values()))
+            if faces is not None and faces.nodes:
+                faces_of_blocks.append(faces.shifted(int(first)))
+        return joined_faces(faces_of_blocks) if faces_of_blocks else None
 
     def _name(self, block: ForeignBlock, name: str) -> str:
         return name if len(self.blocks) == 1 else f"{block.name}.{name}"
@@ -193,7 +195,7 @@ class Parts:
         for name in (
             tag,
             str(tag),
-            *(one for one in known if str(one).upper() == str(tag).upper()),
+            *(candidate for candidate in known if str(candidate).upper() == str(tag).upper()),
         ):
             if name in known:
                 return known[name]
@@ -212,11 +214,11 @@ class Parts:
         """
         if not isinstance(tag, int | str):
             placed = self.with_places
-            found = placed[np.unique(tag.nodes(self.points[placed]))]
-            if not found.size:
+            nodes = placed[np.unique(tag.nodes(self.points[placed]))]
+            if not nodes.size:
                 raise SceneError(f"{tag!r} holds no node of the blocks: move or widen it")
-            return found
-        members = {**{name: own.members for name, own in self.surfaces.items()}, **self.sets}
+            return nodes
+        members = {**{name: faces.members for name, faces in self.surfaces.items()}, **self.sets}
         if isinstance(tag, int) and not any(
             name.rpartition(".")[2] == str(tag) for name in members
         ):
@@ -232,16 +234,18 @@ class Parts:
                 f"node {label} may be of any of {len(self.blocks)} blocks: name a set of nodes, "
                 "block.NAME"
             )
-        found = np.flatnonzero(self.made[0].nodes.decks == label)
-        if not found.size:
+        nodes = np.flatnonzero(self.made[0].nodes.decks == label)
+        if not nodes.size:
             raise SceneError(f"block '{self.blocks[0].name}' has no node {label}")
-        return found
+        return nodes
 
     @cached_property
     def with_places(self) -> np.ndarray:
         """Numbers of the nodes that the other codes have."""
         pairs = zip(self.firsts, self.made, strict=False)
-        return np.concatenate([first + np.arange(len(one.nodes.labels)) for first, one in pairs])
+        return np.concatenate(
+            [first + np.arange(len(placed.nodes.labels)) for first, placed in pairs]
+        )
 
     def turning(self, nodes: np.ndarray) -> np.ndarray:
         """Nodes whose dofs are the rotations of nodes, (k,).
@@ -249,32 +253,32 @@ class Parts:
         Raises:
             SceneError: for a node without rotations.
         """
-        found = []
-        for node, place in zip(nodes.tolist(), self.block_of(nodes).tolist(), strict=True):
-            first = self.firsts[place]
-            one = self.made[place]
-            own = one.turning[node - first] if node - first < len(one.turning) else -1
-            if own < 0:
+        rotations = []
+        for node, number in zip(nodes.tolist(), self.block_of(nodes).tolist(), strict=True):
+            first = self.firsts[number]
+            placed = self.made[number]
+            rotation = placed.turning[node - first] if node - first < len(placed.turning) else -1
+            if rotation < 0:
                 raise SceneError(
                     f"{self.described(3 * node)[:-8].strip()} has no rotations in K: leave them "
                     "free"
                 )
-            found.append(first + own)
-        return np.array(found, dtype=np.int64)
+            rotations.append(first + rotation)
+        return np.array(rotations, dtype=np.int64)
 
     def shares(self, nodes: np.ndarray) -> np.ndarray:
         """Part of the force on a node of the deck that each node carries, (k,): 1 unless several
         stand for one.
         """
-        found = np.ones(nodes.size)
-        for place, one in enumerate(self.made):
-            if one.nodes.original is None:
+        shares = np.ones(nodes.size)
+        for number, placed in enumerate(self.made):
+            if placed.nodes.original is None:
                 continue
-            for k in np.flatnonzero(self.block_of(nodes) == place):
-                own = nodes[k] - self.firsts[place]
-                carriers = carriers_of(one.nodes, int(one.nodes.decks[own]))
-                found[k] = 1.0 / carriers.size if own in carriers else 0.0
-        return found
+            for k in np.flatnonzero(self.block_of(nodes) == number):
+                local = nodes[k] - self.firsts[number]
+                carriers = carriers_of(placed.nodes, int(placed.nodes.decks[local]))
+                shares[k] = 1.0 / carriers.size if local in carriers else 0.0
+        return shares
 
     def surface(self, tag: Tag) -> Surface | BareNodes:
         """The surface with a name, or the nodes of a set without facets.
@@ -293,23 +297,23 @@ class Parts:
 
     def faces(self, tag: Tag) -> Faces:
         """Faces of a surface; SceneError for an unknown name."""
-        found = self._found(tag, self.surfaces, "surface with faces")
-        assert isinstance(found, Faces)
-        return found
+        faces = self._found(tag, self.surfaces, "surface with faces")
+        assert isinstance(faces, Faces)
+        return faces
 
     def _bare(self, tag: Tag) -> BareNodes:
         """Nodes of a set: those of the deck."""
         nodes = self.nodes(tag)
         shares = self.shares(nodes)
-        kept = shares > 0
-        nodes = nodes[kept]
-        shares = shares[kept]
-        place = self.block_of(nodes)
+        carrying = shares > 0
+        nodes = nodes[carrying]
+        shares = shares[carrying]
+        numbers = self.block_of(nodes)
         decks = [
             int(self.made[k].nodes.decks[n - self.firsts[k]])
-            for n, k in zip(nodes, place, strict=True)
+            for n, k in zip(nodes, numbers, strict=True)
         ]
-        keys = np.column_stack([place, decks])
+        keys = np.column_stack([numbers, decks])
         _, first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)
         entries = shares, (np.asarray(group).ravel(), nodes)
         means = csr_matrix(entries, shape=(first.size, len(self.points)))
@@ -318,15 +322,15 @@ class Parts:
     def described(self, dof: int) -> str:
         """A dof in words: block, node and direction."""
         node, direction = divmod(int(dof), 3)
-        place = int(self.block_of(np.array([node]))[0])
-        own = node - self.firsts[place]
-        labels = self.made[place].nodes.labels
+        number = int(self.block_of(np.array([node]))[0])
+        local = node - self.firsts[number]
+        labels = self.made[number].nodes.labels
         label = (
-            f"node {labels[own]}"
-            if own < len(labels)
+            f"node {labels[local]}"
+            if local < len(labels)
             else "a rotation, or a dof of the code alone,"
         )
-        return f"{label} of block '{self.blocks[place].name}' {DIRECTION_WORDS[direction]}"
+        return f"{label} of block '{self.blocks[number].name}' {DIRECTION_WORDS[direction]}"
 
 
 _TENSOR = [0, 1, 3, 2]
@@ -341,35 +345,40 @@ def tributary(facets: np.ndarray, points: np.ndarray) -> np.ndarray:
         facets: nodes of each facet, (f, 3) or (f, 4).
         points: coordinates of nodes, (n, 3).
     """
-    found = np.zeros(len(points))
+    shares = np.zeros(len(points))
     halves: Sequence[tuple[list[int], float]] = [([0, 1, 2], 1.0)]
     if facets.shape[1] == 4:
         halves = [([0, 1, 2], 0.5), ([0, 2, 3], 0.5), ([0, 1, 3], 0.5), ([1, 2, 3], 0.5)]
     for corners, weight in halves:
-        own = points[facets[:, corners]]
-        areas = np.linalg.norm(np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0]), axis=1) / 2
-        np.add.at(found, facets[:, corners].ravel(), np.repeat(weight * areas / 3, 3))
-    return found
+        vertices = points[facets[:, corners]]
+        areas = (
+            np.linalg.norm(
+                np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0]), axis=1
+            )
+            / 2
+        )
+        np.add.at(shares, facets[:, corners].ravel(), np.repeat(weight * areas / 3, 3))
+    return shares
 
 
 def _in_pattern(matrix: csr_matrix, pattern: csr_matrix) -> csr_matrix:
     """A matrix with zeros at all other entries of a pattern that holds its own."""
-    every = pattern.copy()
-    every.sort_indices()
+    filled = pattern.copy()
+    filled.sort_indices()
     matrix = matrix.copy()
     matrix.sort_indices()
-    size = np.int64(every.shape[1])
+    size = np.int64(filled.shape[1])
     keys = (
-        np.repeat(np.arange(every.shape[0], dtype=np.int64), np.diff(every.indptr)) * size
-        + every.indices
+        np.repeat(np.arange(filled.shape[0], dtype=np.int64), np.diff(filled.indptr)) * size
+        + filled.indices
     )
-    own = (
+    keys_of_matrix = (
         np.repeat(np.arange(matrix.shape[0], dtype=np.int64), np.diff(matrix.indptr)) * size
         + matrix.indices
     )
     data = np.zeros(keys.size)
-    data[np.searchsorted(keys, own)] = matrix.data
-    return csr_matrix((data, every.indices, every.indptr), shape=every.shape)
+    data[np.searchsorted(keys, keys_of_matrix)] = matrix.data
+    return csr_matrix((data, filled.indices, filled.indptr), shape=filled.shape)
 
 
 def node_mass(count: int) -> csr_matrix:

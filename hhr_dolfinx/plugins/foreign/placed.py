@@ -59,15 +59,15 @@ class Placed:
         Dofs without a place follow the others without force.
         """
         count = len(self.points)
-        found = np.zeros((6, count, 3))
+        by_node = np.zeros((6, count, 3))
         placed = len(self.nodes.labels)
         turned = np.flatnonzero(self.turning >= 0)
         for axis in range(3):
-            found[axis, :placed, axis] = 1.0
+            by_node[axis, :placed, axis] = 1.0
             way = np.eye(3)[axis]
-            found[3 + axis, :placed] = np.cross(way, self.points[:placed])
-            found[3 + axis, self.turning[turned]] = way
-        motions = found.reshape(6, -1)
+            by_node[3 + axis, :placed] = np.cross(way, self.points[:placed])
+            by_node[3 + axis, self.turning[turned]] = way
+        motions = by_node.reshape(6, -1)
         hidden = np.zeros(3 * count, dtype=bool)
         hidden[3 * (placed + turned.size) :] = True
         hidden &= self.known
@@ -95,8 +95,8 @@ def placed(given: ForeignMatrix, nodes: ForeignNodes) -> Placed:
         SceneError: if no row is a displacement of a node.
     """
     nodes = _retained(nodes, given) if given.superelement else nodes
-    place = _places(given, nodes)
-    if not (place >= 0).any():
+    dofs = _places(given, nodes)
+    if not (dofs >= 0).any():
         raise SceneError(
             f"no row of {given.source} is a dof of the {len(nodes.labels)} nodes beside it: rows "
             "are of nodes "
@@ -104,29 +104,29 @@ def placed(given: ForeignMatrix, nodes: ForeignNodes) -> Placed:
             f"{nodes.labels.min()} to "
             f"{nodes.labels.max()}. Give the nodes of the same run"
         )
-    matrix, place = _without_inner(given.matrix, place)
+    matrix, dofs = _without_inner(given.matrix, dofs)
     count = len(nodes.labels)
-    turned = np.unique(place[place >= 3 * count] // 3) - count
+    turned = np.unique(dofs[dofs >= 3 * count] // 3) - count
     turning = np.full(count, -1)
     turning[turned] = count + np.arange(turned.size)
-    rotation = place >= 3 * count
+    rotation = dofs >= 3 * count
     where = np.where(
-        rotation, 3 * turning[np.where(rotation, place // 3 - count, 0)] + place % 3, place
+        rotation, 3 * turning[np.where(rotation, dofs // 3 - count, 0)] + dofs % 3, dofs
     )
-    rest = np.flatnonzero(place < 0)
-    where[rest] = 3 * (count + turned.size) + np.arange(rest.size)
-    every = count + turned.size + -(-rest.size // 3)
+    unplaced = np.flatnonzero(dofs < 0)
+    where[unplaced] = 3 * (count + turned.size) + np.arange(unplaced.size)
+    total = count + turned.size + -(-unplaced.size // 3)
     entries = matrix.tocoo()
-    whole = csr_matrix(
-        (entries.data, (where[entries.row], where[entries.col])), shape=(3 * every, 3 * every)
+    expanded = csr_matrix(
+        (entries.data, (where[entries.row], where[entries.col])), shape=(3 * total, 3 * total)
     )
-    known = np.zeros(3 * every, dtype=bool)
-    known[where] = True
+    has_row = np.zeros(3 * total, dtype=bool)
+    has_row[where] = True
     away = np.full(
-        (every - count, 3),
+        (total - count, 3),
         nodes.points.mean(axis=0) + AWAY * (np.ptp(nodes.points, axis=0).max() or 1.0),
     )
-    return Placed(whole, known, nodes, np.vstack([nodes.points, away]), turning, given.source)
+    return Placed(expanded, has_row, nodes, np.vstack([nodes.points, away]), turning, given.source)
 
 
 def _places(given: ForeignMatrix, nodes: ForeignNodes) -> np.ndarray:
@@ -135,7 +135,7 @@ def _places(given: ForeignMatrix, nodes: ForeignNodes) -> np.ndarray:
     """
     count = len(nodes.labels)
     direction = given.directions - 1
-    place = np.full(len(given.nodes), -1, dtype=np.int64)
+    dofs = np.full(len(given.nodes), -1, dtype=np.int64)
     if given.sequence and nodes.original is not None:
         index = _in_sequence(given, nodes)
     else:
@@ -143,10 +143,10 @@ def _places(given: ForeignMatrix, nodes: ForeignNodes) -> np.ndarray:
         at = np.searchsorted(nodes.labels, given.nodes, sorter=order)
         at = order[np.minimum(at, count - 1)]
         index = np.where(nodes.labels[at] == given.nodes, at, -1)
-    own = (index >= 0) & (direction >= 0)
+    valid = (index >= 0) & (direction >= 0)
     turn = direction >= 3
-    place[own] = 3 * (index + count * turn)[own] + (direction - 3 * turn)[own]
-    return place
+    dofs[valid] = 3 * (index + count * turn)[valid] + (direction - 3 * turn)[valid]
+    return dofs
 
 
 def _in_sequence(given: ForeignMatrix, nodes: ForeignNodes) -> np.ndarray:
@@ -158,45 +158,53 @@ def _in_sequence(given: ForeignMatrix, nodes: ForeignNodes) -> np.ndarray:
     place.
     """
     index = np.full(len(given.nodes), -1)
-    own: dict[int, list[int]] = {}
+    nodes_by_label: dict[int, list[int]] = {}
     for k in np.argsort(nodes.labels, kind="stable"):
-        own.setdefault(int(nodes.decks[k]), []).append(int(k))
+        nodes_by_label.setdefault(int(nodes.decks[k]), []).append(int(k))
     rows: dict[tuple[int, int], list[int]] = {}
     for row, key in enumerate(zip(given.nodes.tolist(), given.directions.tolist(), strict=True)):
         rows.setdefault(key, []).append(row)
-    for (label, direction), found in rows.items():
-        nodes_of = own.get(label, [])
-        if direction <= 3 and len(found) == len(nodes_of):
-            index[found] = nodes_of
+    for (label, direction), rows_of_dof in rows.items():
+        nodes_of = nodes_by_label.get(label, [])
+        if direction <= 3 and len(rows_of_dof) == len(nodes_of):
+            index[rows_of_dof] = nodes_of
     return index
 
 
 def _retained(nodes: ForeignNodes, given: ForeignMatrix) -> ForeignNodes:
     """Nodes that have rows, with the faces and sets that they make."""
-    kept = np.flatnonzero(np.isin(nodes.labels, given.nodes))
+    retained = np.flatnonzero(np.isin(nodes.labels, given.nodes))
     number = np.full(len(nodes.labels), -1)
-    number[kept] = np.arange(kept.size)
+    number[retained] = np.arange(retained.size)
 
     def of(faces: Faces) -> Faces | None:
-        held = [(number[part] >= 0).all(axis=1) for part in faces.nodes]
+        held = [(number[group] >= 0).all(axis=1) for group in faces.nodes]
         pairs = [
-            (number[part[complete]], behind[complete])
-            for part, behind, complete in zip(faces.nodes, faces.inner, held, strict=True)
+            (number[group[complete]], behind[complete])
+            for group, behind, complete in zip(faces.nodes, faces.inner, held, strict=True)
             if complete.any()
         ]
         return (
-            Faces(tuple(part for part, _ in pairs), tuple(behind for _, behind in pairs))
+            Faces(tuple(group for group, _ in pairs), tuple(behind for _, behind in pairs))
             if pairs
             else None
         )
 
-    surfaces = {name: made for name, faces in nodes.surfaces.items() if (made := of(faces)) is not None}
+    surfaces = {
+        name: restricted
+        for name, faces in nodes.surfaces.items()
+        if (restricted := of(faces)) is not None
+    }
     sets = {name: number[members][number[members] >= 0] for name, members in nodes.sets.items()}
     outer = None if nodes.outer is None else of(nodes.outer)
-    labels = nodes.labels[kept]
-    points = nodes.points[kept]
+    labels = nodes.labels[retained]
+    points = nodes.points[retained]
     return ForeignNodes(
-        labels, points, surfaces, {name: members for name, members in sets.items() if members.size}, outer=outer
+        labels,
+        points,
+        surfaces,
+        {name: members for name, members in sets.items() if members.size},
+        outer=outer,
     )
 
 
@@ -207,17 +215,17 @@ def _without_inner(matrix: csr_matrix, place: np.ndarray) -> tuple[csr_matrix, n
     inner = np.flatnonzero(place < 0)
     if not inner.size:
         return matrix, place
-    part = matrix[inner][:, inner]
-    _, label = connected_components(part, directed=False)
+    inner_stiffness = matrix[inner][:, inner]
+    _, label = connected_components(inner_stiffness, directed=False)
     sizes = np.bincount(label)
     gone = inner[sizes[label] <= MOST_ELIMINATED]
     if not gone.size:
         return matrix, place
-    kept = np.setdiff1d(np.arange(len(place)), gone)
+    remaining = np.setdiff1d(np.arange(len(place)), gone)
     inverse = _inverse_of_blocks(matrix[gone][:, gone].tocsr())
-    coupling = matrix[gone][:, kept].tocsr()
-    outer = matrix[kept][:, kept] - coupling.T @ (inverse @ coupling)
-    return csr_matrix((outer + outer.T) / 2), place[kept]
+    coupling = matrix[gone][:, remaining].tocsr()
+    outer = matrix[remaining][:, remaining] - coupling.T @ (inverse @ coupling)
+    return csr_matrix((outer + outer.T) / 2), place[remaining]
 
 
 def _inverse_of_blocks(matrix: csr_matrix) -> csr_matrix:
@@ -229,10 +237,10 @@ def _inverse_of_blocks(matrix: csr_matrix) -> csr_matrix:
     columns = []
     values = []
     for first, last in pairwise(starts.tolist()):
-        own = order[first:last]
-        block = np.linalg.inv(matrix[own][:, own].toarray())
-        rows.append(np.repeat(own, own.size))
-        columns.append(np.tile(own, own.size))
+        members = order[first:last]
+        block = np.linalg.inv(matrix[members][:, members].toarray())
+        rows.append(np.repeat(members, members.size))
+        columns.append(np.tile(members, members.size))
         values.append(block.ravel())
     entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
     return csr_matrix(entries, shape=matrix.shape)

@@ -55,12 +55,12 @@ def read_harwell_boeing(path: Path, dofs: Path | None = None) -> ForeignMatrix:
     kind = lines[2][:3].upper() if len(lines) > 2 else ""
     if kind in SYMMETRIC:  # SciPy reads whole matrices alone
         lines[2] = f"RUA{lines[2][3:]}"
-    found = coo_matrix(_read(lambda _: hb_read(StringIO("".join(lines)), **SPARSE_MATRIX), path))
-    matrix = csr_matrix(found)
-    if kind in SYMMETRIC and min(found.shape) == len(nodes):
-        rows = found.row.astype(np.int64)
-        columns = found.col.astype(np.int64)
-        matrix = symmetric_of_half(rows, columns, found.data, len(nodes), path.name)
+    entries = coo_matrix(_read(lambda _: hb_read(StringIO("".join(lines)), **SPARSE_MATRIX), path))
+    matrix = csr_matrix(entries)
+    if kind in SYMMETRIC and min(entries.shape) == len(nodes):
+        rows = entries.row.astype(np.int64)
+        columns = entries.col.astype(np.int64)
+        matrix = symmetric_of_half(rows, columns, entries.data, len(nodes), path.name)
     return ForeignMatrix(matrix, nodes, directions, path.name)
 
 
@@ -91,18 +91,22 @@ def read_npz(path: Path, dofs: Path | None = None) -> ForeignMatrix:
         condensed = "superelement" in held and bool(file["superelement"])
         if {"row", "col", "data"} <= held and "format" not in held:
             size = len(nodes)
-            found = coo_matrix((file["data"], (file["row"], file["col"])), shape=(size, size))
+            entries = coo_matrix((file["data"], (file["row"], file["col"])), shape=(size, size))
         elif "format" in held:
-            found = coo_matrix(load_npz(path))
+            entries = coo_matrix(load_npz(path))
         else:
             raise FileContentError(
                 f"{path} holds {sorted(held)}: a matrix is needed, of scipy's save_npz"
             )
-    matrix = csr_matrix(found)
+    matrix = csr_matrix(entries)
     if half:
         size = len(nodes)
         matrix = symmetric_of_half(
-            found.row.astype(np.int64), found.col.astype(np.int64), found.data, size, path.name
+            entries.row.astype(np.int64),
+            entries.col.astype(np.int64),
+            entries.data,
+            size,
+            path.name,
         )
     return ForeignMatrix(matrix, nodes, directions, path.name, superelement=condensed)
 
@@ -115,12 +119,12 @@ def write_npz(path: Path, found: ForeignMatrix) -> None:
         found: matrix.
     """
     low = coo_matrix(found.matrix)
-    kept = low.row >= low.col
+    lower = low.row >= low.col
     np.savez_compressed(
         path,
-        data=low.data[kept],
-        row=low.row[kept],
-        col=low.col[kept],
+        data=low.data[lower],
+        row=low.row[lower],
+        col=low.col[lower],
         nodes=found.nodes,
         directions=found.directions,
         half=np.array(True),
@@ -135,8 +139,8 @@ def table_beside(path: Path) -> Path:
         FileContentError: without one.
     """
     for ending in (".dof", ".mapping", ".dofs"):
-        if (found := path.with_suffix(ending)).is_file():
-            return found
+        if (table := path.with_suffix(ending)).is_file():
+            return table
     raise FileContentError(
         f"{path.name} does not name its rows: give a table of dofs, dofs=..., with the node and "
         "the direction of each "

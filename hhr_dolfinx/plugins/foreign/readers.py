@@ -65,5 +65,5 @@ def read_stiffness(
     reader = READERS[path.suffix.lower()][1]
     if reader in OF_NAMED_ROWS:
         return checked_matrix(reader(path, matrix))
-    given = [None if dofs is None else Path(dofs), *([matrix] if reader is read_op4 else [])]
-    return checked_matrix(reader(path, *given))
+    arguments = [None if dofs is None else Path(dofs), *([matrix] if reader is read_op4 else [])]
+    return checked_matrix(reader(path, *arguments))

@@ -155,15 +155,15 @@ def _supports(file: Path, deck: DeckContents, in_k: set[int], read: Read) -> set
                     f"hhr.Displacement({_tag(words[0])}, {component - 1}{amplitude}),  # "
                     f"{file.name}:{line}"
                 )
-    return {node for node, own in held.items() if {1, 2, 3} <= own}
+    return {node for node, directions in held.items() if {1, 2, 3} <= directions}
 
 
 def _is_fixed_in_k(members: Sequence[int], in_k: set[int], deck: DeckContents) -> bool:
     """True if nodes belong to an element with nodes of K: they are held there, and left out of
     it.
     """
-    own = set(members)
-    return any(own & set(nodes) and in_k & set(nodes) for nodes in deck.whole.values())
+    named = set(members)
+    return any(named & set(nodes) and in_k & set(nodes) for nodes in deck.whole.values())
 
 
 def _tag(word: str) -> str:
@@ -187,15 +187,15 @@ def _loads(
             forces.setdefault(words[0], np.zeros(3))[int(words[1]) - 1] += float(words[2])
             continue
         name = words[0] if keyword == "DSLOAD" else name_of_loaded(f"DLOAD:{line}", row[1:])
-        known = {one.upper(): one for one in nodes.surfaces}
-        if not re.fullmatch(r"P\d?", words[1].upper()) or name.upper() not in known:
+        surfaces = {surface.upper(): surface for surface in nodes.surfaces}
+        if not re.fullmatch(r"P\d?", words[1].upper()) or name.upper() not in surfaces:
             read.left.append(
                 f"TODO {where} *{keyword} {words[1]}: write its load vector in the other code, "
                 "and give it as ForeignLoad"
             )
             continue
         amplitude = read.amplitude("pressure", float(words[2]))
-        read.loads.append(f'hhr.Pressure("{known[name.upper()]}", {amplitude}),  # {where}')
+        read.loads.append(f'hhr.Pressure("{surfaces[name.upper()]}", {amplitude}),  # {where}')
     for word, force in forces.items():
         size = float(np.abs(force).max())
         vector = tuple((force / size).tolist())
@@ -206,11 +206,11 @@ def _loads(
 
 def _friction(file: Path, options: dict[str, str]) -> float:
     """Coefficient of friction of the interaction of a pair; 0 without."""
-    inside = ""
-    for _, keyword, own, rows in blocks(file):
+    interaction = ""
+    for _, keyword, block_options, rows in blocks(file):
         if keyword == "SURFACE INTERACTION":
-            inside = own.get("NAME", "").upper()
-        elif keyword == "FRICTION" and inside == options.get("INTERACTION", "").upper():
+            interaction = block_options.get("NAME", "").upper()
+        elif keyword == "FRICTION" and interaction == options.get("INTERACTION", "").upper():
             return float(rows[0][0])
     return 0.0
 
@@ -222,7 +222,7 @@ def _contact(
     """Read a pair: a plane for a master that is held, two surfaces otherwise."""
     nodes, solids = given  # nodes of K, and of the deck as it is, which has rigid plates too
     surfaces = {name.upper(): name for name in nodes.surfaces}
-    fixed = {name.upper(): own for name, own in solids.surfaces.items()}
+    fixed = {name.upper(): surface for name, surface in solids.surfaces.items()}
     sets = {name.upper(): name for name in nodes.sets}
     slave, master = (word.upper() for word in [word for word in rows[0] if word][:2])
     rub = f", friction={friction!r}" if friction else ""
@@ -241,14 +241,15 @@ def _contact(
             )
             return
         normal, offset = plane
-        said = f"{tuple(normal.tolist())}"
+        direction = f"{tuple(normal.tolist())}"
         if slave in surfaces:
             read.contacts.append(
-                f'hhr.Obstacle("{surfaces[slave]}", {said}, {offset!r}{rub}),  # {where}'
+                f'hhr.Obstacle("{surfaces[slave]}", {direction}, {offset!r}{rub}),  # {where}'
             )
         else:
             read.contacts.append(
-                f'hhr.NodesToGround("{sets[slave]}", {said}, plane={offset!r}{rub}),  # {where}'
+                f'hhr.NodesToGround("{sets[slave]}", {direction}, '
+                f"plane={offset!r}{rub}),  # {where}"
             )
         return
     if slave not in surfaces:
@@ -287,7 +288,9 @@ def _text(
     stem = re.sub(r"\W", "_", file.stem)
     stem = stem if stem.isidentifier() else f"deck_{stem}"
     block = [f"{path(stiffness)},", f"{path(file)},"]
-    block += [f"{name}={path(location)}," for name, location in files.items() if location is not None]
+    block += [
+        f"{name}={path(location)}," for name, location in files.items() if location is not None
+    ]
     block += ["unchecked=True,"] if files["case"] is None else []
     if not read.values:
         read.values["lift"] = 0.0
@@ -322,10 +325,14 @@ def _text(
         *(f"        {line}" for line in block),
     ]
     lines += ["    )", ")", "scene = foreign.scene(", f'    "{stem}",']
-    parts = {"contacts": read.contacts, "displacements": read.displacements, "loads": read.loads}
-    for name, items in {**parts, "openings": read.openings, "outputs": outputs}.items():
-        if items:
-            lines += [f"    {name}=(", *(f"        {item}" for item in items), "    ),"]
+    arguments = {
+        "contacts": read.contacts,
+        "displacements": read.displacements,
+        "loads": read.loads,
+    }
+    for name, texts in {**arguments, "openings": read.openings, "outputs": outputs}.items():
+        if texts:
+            lines += [f"    {name}=(", *(f"        {text}" for text in texts), "    ),"]
     lines += [*_space(read.values), ")"]
     return "\n".join(lines) + "\n"
 
@@ -360,7 +367,7 @@ def write_scene(
 
     if case is not None and not case.is_file():
         raise FileContentError(f"there is no solved case {case}")
-    text, left = scene_text(file, stiffness, target, case, dofs)
+    text, todo = scene_text(file, stiffness, target, case, dofs)
     with replacing(target, text=True) as out:
         out.write(text)
-    return left
+    return todo

@@ -39,11 +39,11 @@ class ForeignStiffness(KnownArguments):
 
     def __init__(self, *blocks: ForeignBlock):
         object.__setattr__(self, "blocks", tuple(blocks))
-        if not blocks or not all(isinstance(one, ForeignBlock) for one in blocks):
+        if not blocks or not all(isinstance(block, ForeignBlock) for block in blocks):
             raise SceneError(
                 f"ForeignStiffness{blocks!r} needs blocks, ForeignBlock(stiffness, nodes, case)"
             )
-        names = [one.name for one in blocks]
+        names = [block.name for block in blocks]
         if len(set(names)) < len(names):
             raise SceneError(
                 f"blocks of a foreign stiffness have the names {names}: give each a name of its own"
@@ -62,17 +62,17 @@ class ForeignStiffness(KnownArguments):
         """A body for each block; its modulus is the factor of K, and no stress is computed of
         it.
         """
-        return tuple(Body(one.name, _number(one.factor), 0.0) for one in self.blocks)
+        return tuple(Body(block.name, _number(block.factor), 0.0) for block in self.blocks)
 
     @property
     def geometry(self) -> Callable[[MPI.Comm], Any]:
         """Geometry of a scene that has no mesh."""
-        return NoMesh(tuple(one.name for one in self.blocks))
+        return NoMesh(tuple(block.name for block in self.blocks))
 
     @property
     def unchecked(self) -> tuple[str, ...]:
         """Names of the blocks without a solved case."""
-        return tuple(one.name for one in self.blocks if one.case is None)
+        return tuple(block.name for block in self.blocks if block.case is None)
 
     @property
     def discretised(self) -> type[ForeignDiscretisation]:
@@ -91,13 +91,13 @@ class ForeignStiffness(KnownArguments):
         """
         from hhr_dolfinx.scene import Scene
 
-        given: dict[str, Any] = {
+        arguments: dict[str, Any] = {
             "geometry": self.geometry,
             "bodies": self.bodies,
             "hypothesis": "solid",
             "system": self,
         }
-        return Scene(name=name, **(given | parts))
+        return Scene(name=name, **(arguments | parts))
 
     def condense(
         self, parameters: ParameterSpace, contacts: Sequence[Pairing], **parts: Any

@@ -33,11 +33,13 @@ def _remade(exclude: Callable[[bool, str], None], factor: float, scene: Scene) -
     from hhr_dolfinx.plugins.foreign.export import blocks_of_scene
     from hhr_dolfinx.plugins.foreign.stiffness import ForeignStiffness
 
-    own = any(body.law or body.varies or body.stress or body.grading for body in scene.bodies)
-    own = own or bool(scene.shapes) or scene.system is not None
-    exclude(own, "laws, moduli and shapes of bodies act in elements, of which K is the sum")
+    unsupported = any(
+        body.law or body.varies or body.stress or body.grading for body in scene.bodies
+    )
+    unsupported = unsupported or bool(scene.shapes) or scene.system is not None
+    exclude(unsupported, "laws, moduli and shapes of bodies act in elements, of which K is the sum")
     tags = {body.tag for body in scene.bodies}
-    loads = [(getattr(one, "tag", None), getattr(one, "bedding", False)) for one in scene.loads]
+    loads = [(getattr(load, "tag", None), getattr(load, "bedding", False)) for load in scene.loads]
     integrals = any(tag in tags or bedding for tag, bedding in loads)
     exclude(integrals, "loads on bodies are integrals over elements, of which K is the sum")
     stresses = any(not hasattr(output, "contact") for output in scene.outputs[DRAFTED:])

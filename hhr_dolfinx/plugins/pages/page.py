@@ -189,13 +189,13 @@ def error_of(model: Any) -> dict[str, Any]:
     if model.fields.bound is None or model.law.plugin:  # it is that of unilateral contact
         return {"kind": "none", "pressure": None, "forces": None, "points": 0}
     many = model.solve_many(model.parameters.random(PAGE_ERROR_POINTS, 1), raise_on_failure=False)
-    found: dict[str, Any] = {"kind": model.fields.bound.kind, "points": PAGE_ERROR_POINTS}
+    described: dict[str, Any] = {"kind": model.fields.bound.kind, "points": PAGE_ERROR_POINTS}
     for name in ("pressure", "forces"):
         errors = relative_errors(many, name)
-        found[name] = (
+        described[name] = (
             None if errors is None or not (errors < float("inf")).all() else float(errors.max())
         )
-    return found
+    return described
 
 
 def _file(name: str) -> str:

@@ -161,9 +161,9 @@ def strains_of(full: FullOrderModel, cells: np.ndarray) -> Strains | None:
     bodies = discretisation.group.joined(discretisation.cell_bodies())[drawn]
     components = 6 if scene.hypothesis == "solid" else 4
     rows = csr_matrix((len(drawn) * components, full.problem.free.size))
-    for place in np.unique(bodies):
-        of_body = np.flatnonzero(bodies == place)
-        strain, dofs, grading, _ = strains_of_cells(discretisation, drawn[of_body], int(place))
+    for number in np.unique(bodies):
+        of_body = np.flatnonzero(bodies == number)
+        strain, dofs, grading, _ = strains_of_cells(discretisation, drawn[of_body], int(number))
         if scene.hypothesis == "plane_stress":
             strain[:, 2] = 0.0
         numbers = np.broadcast_to(
