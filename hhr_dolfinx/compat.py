@@ -341,6 +341,7 @@ def _partitioner(comm: Comm, points: np.ndarray | None, shares: Shares | None) -
     from dolfinx import cpp, graph
 
     def partition(_: object, count: int, kinds: list[Any], corners: list[np.ndarray]) -> Any:
+        """Graph of ranks of cells: ``count`` ranks, cells by ``kinds`` and ``corners``."""
         ranks_of_cells = [np.zeros(0, dtype="int32")]
         for kind, corner_table in zip(kinds, corners, strict=True):
             cells = corner_table.reshape(-1, cpp.mesh.cell_num_entities(kind, 0))

@@ -304,6 +304,11 @@ class _Pieces(io.FileIO):
     """
 
     def read(self, size: int | None = -1) -> bytes:
+        """Read ``size`` bytes, or all.
+
+        Raises:
+            _Damage: for a piece that is too long.
+        """
         if size is None or size < 0:
             size = os.fstat(self.fileno()).st_size - self.tell()
         if size > _CHUNK:

@@ -430,6 +430,11 @@ def _table(inner: list[_Evaluate], what: str) -> _Evaluate:
     slopes = np.diff(values) / np.diff(at)
 
     def evaluate(arguments: Values) -> Any:
+        """Interpolated values of the table.
+
+        Raises:
+            ParameterError: outside the table.
+        """
         x = np.asarray(variable(arguments))
         real = np.real(x)
         slack = 1e-9 * (at[-1] - at[0])

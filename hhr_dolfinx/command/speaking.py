@@ -104,6 +104,7 @@ def _once() -> Callable[..., None]:
     shown = set()
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+        """Print a message once, without its category."""
         if str(message) not in shown:
             shown.add(str(message))
             _say(f"warning: {message}")

@@ -137,6 +137,8 @@ def _distance(cone: np.ndarray, ray: np.ndarray) -> float:
 def bound_of(task: Task, recipe: Recipe, basis: np.ndarray) -> Bounding:
     """Bounds for a recipe; none if they are not requested or not proved, with a log entry.
 
+    A ``BoundError`` is logged, not raised.
+
     Args:
         task: input of the reduction.
         recipe: the recipe.

@@ -71,6 +71,11 @@ class NaiveFullOrder(AnsweringModel):
         last = {"free": np.zeros(free.size)}
 
         def saddle_point(active: np.ndarray, _: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+            """Forces and slack with active conditions, (m,) each.
+
+            Raises:
+                SingularError: for a singular matrix.
+            """
             rows = scale * contact[active]
             matrix = bmat([[stiffness, rows.T], [rows, None]], format="csc")
             try:

@@ -46,7 +46,7 @@ VIEWS = [np.array([x, y, 0.8]) / np.linalg.norm((x, y, 0.8)) for x, y in AZIMUTH
 LIGHTING = {"ambient": 0.55, "diffuse": 0.5, "specular": 0.0}
 VIEW_WIDTH = 5.6
 VIEW_HEIGHT = 5.4
-COLUMN_WIDTH = 4.2
+LEAST_COLUMN_WIDTH = 4.2
 """Largest width and height of a view, and the least width of its column, in inches."""
 ORIGIN = (-0.03, -0.05)
 """Position of the arrows along the axes, in parts of a view."""
@@ -78,7 +78,7 @@ def figure_in_space(picture: Picture, title: str) -> Figure:
         views.append(_statuses(picture, way))
     tall = max(view.image.shape[0] / view.image.shape[1] for view in views)
     width = min(VIEW_WIDTH, VIEW_HEIGHT / tall)
-    size = max(width, COLUMN_WIDTH) * len(views), width * tall + 1.6
+    size = max(width, LEAST_COLUMN_WIDTH) * len(views), width * tall + 1.6
     figure = Figure(figsize=size, layout="constrained")
     figure.suptitle(fill(title, int(LETTERS * size[0])))
     for axes, view in zip(figure.subplots(1, len(views)), views, strict=True):

@@ -27,7 +27,7 @@ from hhr_dolfinx.plugins.foreign.nodes import (
 )
 from hhr_dolfinx.plugins.foreign.readers import read_stiffness
 
-MOST_PARAMETERS = 3
+MOST_LOAD_PARAMETERS = 3
 """Most loads that become parameters."""
 RELATIVE_RANGE = 0.2
 """Part of its value by which a parameter varies to both sides."""
@@ -68,7 +68,7 @@ class Read:
             kind: kind of load, which names the parameter.
             value: value of the load.
         """
-        if len(self.values) == MOST_PARAMETERS:
+        if len(self.values) == MOST_LOAD_PARAMETERS:
             return repr(value)
         name = kind if kind not in self.values else f"{kind}_{len(self.values) + 1}"
         self.values[name] = value

@@ -376,6 +376,7 @@ def measure_histories(
     references = [run.history for run in exact if run.history is not None]
 
     def beside(method: str, setting: str, other: Model) -> Row:
+        """Row of ``other``, a model by a method with a setting, on the same tests."""
         pairs = zip(tests.values(), references, strict=True)
         runs = [
             runs_beside({"": other}, path, settings, reference)[""] for path, reference in pairs

@@ -428,6 +428,7 @@ def interpolated_compliances(
     done = count(1)
 
     def counted(solver: ComponentSolver, point: np.ndarray) -> Mapping[str, np.ndarray]:
+        """Arrays of the component of a solver at a point, announced."""
         arrays = solve(solver, point)
         number = next(done)
         announce(stage, number / max(fewest, number + 1))

@@ -71,6 +71,7 @@ class _LayoutWriter:
         ]
 
     def value(self, value: Any, code: str) -> Any:
+        """Plain value of a field with a code of :func:`layouts`."""
         if isinstance(value, RecordedFormula):
             if value.steps is None:
                 return 0

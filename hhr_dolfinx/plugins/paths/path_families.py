@@ -293,10 +293,16 @@ class PathFamily:
         """Formulas of the start, then of each leg."""
 
         def scalar(what: str, value: float | str) -> Scalar:
+            """Formula of a value; ``what`` names it in messages."""
             with _naming(what):
                 return Scalar(formula_of(value, what).text, self.own.names)
 
         def formulas(what: str, to: Targets, seconds: float | str, steps: int | str) -> _Formulas:
+            """Formulas of targets ``to``, of seconds and of steps; ``what`` names the leg.
+
+            Raises:
+                SceneError: for unknown parameters.
+            """
             unknown = sorted(set(dict(to)) - set(self.space.names))
             if unknown:
                 raise SceneError(

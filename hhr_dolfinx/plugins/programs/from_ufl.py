@@ -34,7 +34,11 @@ def symbols(**shapes: tuple[int, ...]) -> dict[str, ufl.Constant]:
         """A constant without a value, which UFL would look for without end."""
 
         def evaluate(self, *_: object) -> float:
-            """Refuse functions of numbers."""
+            """Refuse functions of numbers.
+
+            Raises:
+                SceneError: always.
+            """
             raise SceneError(
                 "a function of numbers meets a symbol: take that of ufl, ufl.sqrt for math.sqrt"
             )

@@ -200,6 +200,7 @@ def _energies(
     weight = elasticity.volume_weight(discretisation.mesh, hypothesis)
 
     def energy(stress: Expr, strain: Expr) -> float:
+        """Half the integral of stress times strain over the body."""
         form = compat.jitted(fem.form, weight * ufl.inner(stress, strain) / 2 * dx)
         return float(sum(discretisation.group.gathered(float(fem.assemble_scalar(form)))))
 

@@ -173,6 +173,11 @@ class UserSystem:
         pattern = problem.own_stiffness
 
         def checked(matrix: csr_matrix, problem: ContactProblem) -> Any:
+            """System of a problem with K, the matrix.
+
+            Raises:
+                SceneError: for a K with another pattern.
+            """
             same = matrix.shape == pattern.shape and matrix.nnz == pattern.nnz
             if not (same and np.array_equal(matrix.indices, pattern.indices)):
                 raise SceneError(
