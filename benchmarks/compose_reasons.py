@@ -9,6 +9,10 @@ refuses, so that its reasons come first.
 from __future__ import annotations
 
 REFUSED = {
+    "linear/sparse.py:__init__": "foreign+preload foreign+tie",
+    "plugins/foreign/parts.py:_labelled": "coupled_force+foreign foreign+periodic",
+    "plugins/foreign/stiffness.py:__call__": "foreign+sliding",
+    "plugins/sliding/slide.py:_check_output": "contact_area+sliding",
     "plugins/shapes/reshaped.py:_check_areas": "own_contact_law+shape",
     "plugins/constraints/couplings.py:equations": "axisymmetric+rigid_motion",
     "plugins/constraints/elimination.py:_check_kept": "directed+preload",
@@ -76,6 +80,22 @@ _EXPORT = _SMALL | {
 
 REASONS: dict[str, dict[str, str]] = {
     "full": {
+        "linear/sparse.py:__init__": (
+            "A section that is tied or drawn together makes two pieces of a body. Its K alone has "
+            "motions of both, which no solved load case of one held piece determines."
+        ),
+        "plugins/foreign/parts.py:_labelled": (
+            "Not built in: nodes of blocks have the labels of their codes, so that a node that a "
+            "constraint names by its place in the mesh may be of several."
+        ),
+        "plugins/foreign/stiffness.py:__call__": (
+            "Where surfaces slide, they are paired again from the cells of a mesh, and K of "
+            "another code has none."
+        ),
+        "plugins/sliding/slide.py:_check_output": (
+            "Not built in: areas of nodes are those of one pairing, and where surfaces slide it "
+            "is made again."
+        ),
         "plugins/shapes/reshaped.py:_check_areas": (
             "Not built in: a force is a pressure times an area, which changes with the shape of "
             "the slave's body, and the law keeps the areas of one shape. A law of ratios of "

@@ -366,8 +366,7 @@ class AnsweringModel(Shown):
 
         Returns:
             ``one answer``, which is proved; ``several answers possible``, of which one is found,
-            and the estimate
-                refers to it; or ``unknown`` if the coupling is unknown.
+            and the estimate refers to it; or ``unknown`` if the coupling is unknown.
         """
         coupling = self.coupling(mu)
         if np.isnan(coupling):

@@ -113,10 +113,18 @@ def _faces(made: Discretisation, tag: Tag) -> Faces:
 
 
 def _case(matrix: ForeignMatrix, nodes: ForeignNodes) -> SolvedCase:
-    """Displacements by a force on a node, where three nodes at the ends of the block are held."""
+    """Displacements by a force on a node, where three nodes at the ends of the block are held.
+
+    They are a corner, the node farthest from it, and that farthest from the line of both: no turn
+    about a line is left.
+    """
     points = nodes.points
-    ends = {int(points[:, 0].argmin()), int(points[:, 0].argmax()), int(points[:, 1].argmax())}
-    ends |= {int(points.sum(axis=1).argmin())}
+    corner = int(points.sum(axis=1).argmin())
+    lengths = np.linalg.norm(points - points[corner], axis=1)
+    opposite = int(lengths.argmax())
+    line = (points[opposite] - points[corner]) / lengths[opposite]
+    off_line = np.linalg.norm(np.cross(points - points[corner], line), axis=1)
+    ends = {corner, opposite, int(off_line.argmax())}
     free = np.setdiff1d(np.arange(len(points)), sorted(ends))
     node = int(
         free[
