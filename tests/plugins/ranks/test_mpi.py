@@ -82,8 +82,8 @@ solid = hhr.FullOrderModel(pressed_block("solid", simplices=True))
 answer = solid.solve(0.05)
 out["solid"] = answer.forces().tolist()
 # without columns of K^-1 B^T, in blocks that are the same on ranks with more and with fewer dofs
-kept_bytes, limits.KEPT_BYTES = limits.KEPT_BYTES, 0
-numbers, sparse.BLOCK_NUMBERS = sparse.BLOCK_NUMBERS, 4e3
+kept_bytes, limits.RESPONSE_BYTES = limits.RESPONSE_BYTES, 0
+numbers, sparse.SOLVED_NUMBERS = sparse.SOLVED_NUMBERS, 4e3
 pressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)))
 note("condensed", hhr.condense(pressed).solve([0.2, 50.0]))
 # so large that ranks leave what is none of S beside it
@@ -118,7 +118,7 @@ large, sparse.LOW_RANK = sparse.LOW_RANK, ((0, 1e-10),)
 compressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)))
 note("compressed", compressed.solve([0.2, 50.0]))
 sparse.LOW_RANK = large
-limits.KEPT_BYTES, sparse.BLOCK_NUMBERS = kept_bytes, numbers
+limits.RESPONSE_BYTES, sparse.SOLVED_NUMBERS = kept_bytes, numbers
 for name, kind in patch.PAIRINGS.items():
     if "mortar" in name and not present("mortar"):
         continue
@@ -402,7 +402,7 @@ from hhr_dolfinx.errors import ConvergenceError, ParameterError
 from hhr_dolfinx.models.answer import ModelFields
 from hhr_dolfinx.pairings.obstacle import Obstacle
 from hhr_dolfinx.snapshots.records import spread_snapshots
-ranks.PATIENCE = {patience}
+ranks.FAILURE_SECONDS = {patience}
 world, last = MPI.COMM_WORLD, MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1
 scene = pressed_block("plane_strain")
 
