@@ -56,9 +56,14 @@ class ShareLines:
         self._start = now()
         self._last: dict[str, float] = {}
 
+    @property
+    def seconds(self) -> float:
+        """Elapsed seconds."""
+        return now() - self._start
+
     def __call__(self, stage: str, share: float) -> None:
         """Write a line if one is due, see :data:`Announce`."""
-        seconds = now() - self._start
+        seconds = self.seconds
         if seconds < self._quiet:
             return
         if not share or seconds - self._last.get(stage, -math.inf) >= self._every:

@@ -44,7 +44,12 @@ LEFT_OUT = shutil.ignore_patterns(
 ONE_CALL = "hhr_dolfinx/plugins/one_call"
 STUDIES = "hhr_dolfinx/plugins/studies"
 DECISIONS = (
-    ("the worst error counts once", f"{ONE_CALL}/search.py", "ROOM = 2.0", "ROOM = 1.0"),
+    (
+        "the worst error counts once",
+        f"{ONE_CALL}/search.py",
+        "OBSERVED_ERROR_FACTOR = 2.0",
+        "OBSERVED_ERROR_FACTOR = 1.0",
+    ),
     (
         "no check where the worst is expected",
         f"{ONE_CALL}/search.py",
@@ -60,17 +65,14 @@ DECISIONS = (
     (
         "the first model that meets is taken",
         f"{ONE_CALL}/search.py",
-        (
-            "return min((number for number in met if tried[number].query <= CLOSE * quickest), "
-            "key=worst)"
-        ),
-        "return met[0]",
+        "tried[number].query <= SIMILAR_TIME * quickest), key=worst",
+        "tried[number].query <= SIMILAR_TIME * quickest), key=met.index",
     ),
     (
         "a bound is looked at in 5 points",
         f"{ONE_CALL}/search.py",
-        "LOOKED_AT = 500",
-        "LOOKED_AT = 5",
+        "ERROR_POINTS = 500",
+        "ERROR_POINTS = 5",
     ),
     ("checks are not set apart", f"{ONE_CALL}/context.py", "FRESH_SEED = 7000", "FRESH_SEED = 0"),
     (
@@ -88,20 +90,20 @@ DECISIONS = (
     (
         "speed whatever the error",
         f"{STUDIES}/advice.py",
-        'key=lambda method: (max(rows[method]["dual_full_floored_max"], ALIKE), seconds[method])',
-        "key=seconds.get",
+        'max(rows[method]["dual_full_floored_max"], EQUALLY_ACCURATE),',
+        "EQUALLY_ACCURATE,",
     ),
     (
         "95 % and worst exchanged in a row",
         f"{STUDIES}/measure.py",
-        'f"{name}_p95": figures["p95"], f"{name}_max": figures["max"]',
-        'f"{name}_p95": figures["max"], f"{name}_max": figures["p95"]',
+        'f"{name}_p95": figures["p95"],',
+        'f"{name}_p95": figures["max"],',
     ),
     (
         "columns of a page exchanged",
         f"{STUDIES}/page.py",
-        'figures.get(name)) for name in ("median", "p95", "max"))]',
-        'figures.get(name)) for name in ("median", "max", "p95"))]',
+        'figures.get(name)) for name in ("median", "p95", "max")),',
+        'figures.get(name)) for name in ("median", "max", "p95")),',
     ),
     (
         "break-even forgets the reduced time",

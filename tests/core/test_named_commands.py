@@ -142,6 +142,10 @@ ELSEWHERE = {
     "hhr serve model.npz --port 4242": (
         "tests/plugins/um_bridge/test_um_bridge.py::test_a_server_of_um_bridge"
     ),
+    # files of another code
+    "hhr start part.inp --stiffness part.sti --case case.inp": (
+        "tests/plugins/foreign/test_calculix.py::test_start_writes_the_scene"
+    ),
     # refused for the obstacle of this scene
     "hhr export my_scene.py --at travel=0.9,lowered=0.1 --out deck.inp": (
         "tests/plugins/exporters/test_deck.py::test_a_deck_is_the_scene_again_and_calculix_agrees"

@@ -67,6 +67,7 @@ def clocked(monkeypatch):
         monkeypatch.setattr(
             progress.Stopwatch, "seconds", property(lambda self: clock.now - self._start)
         )
+        monkeypatch.setattr(ShareLines, "seconds", property(lambda self: clock.now))
         return clock
 
     return made
