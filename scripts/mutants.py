@@ -65,8 +65,11 @@ DECISIONS = (
     (
         "the first model that meets is taken",
         f"{ONE_CALL}/search.py",
-        "tried[number].query <= SIMILAR_TIME * quickest), key=worst",
-        "tried[number].query <= SIMILAR_TIME * quickest), key=met.index",
+        (
+            "return min(\n        (number for number in met if tried[number].query <= "
+            "SIMILAR_TIME * quickest), key=worst\n    )"
+        ),
+        "return met[0]",
     ),
     (
         "a bound is looked at in 5 points",
@@ -96,8 +99,8 @@ DECISIONS = (
     (
         "95 % and worst exchanged in a row",
         f"{STUDIES}/measure.py",
-        'f"{name}_p95": figures["p95"],',
-        'f"{name}_p95": figures["max"],',
+        'f"{name}_p95": figures["p95"],\n                f"{name}_max": figures["max"],',
+        'f"{name}_p95": figures["max"],\n                f"{name}_max": figures["p95"],',
     ),
     (
         "columns of a page exchanged",

@@ -374,10 +374,14 @@ def factored(matrix: csr_matrix, free: np.ndarray, name: str) -> Callable[[np.nd
     from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
 
     all_rows = slice(0, matrix.shape[0])
-    factors = FreeCholesky(
-        _with_diagonal(matrix), free, all_rows, name, ordering_of(3, "qmd"), MPI.COMM_SELF
-    )
-    return factors.solve
+    ordering = ordering_of(3, "qmd")
+    whole = _with_diagonal(matrix)
+    try:
+        return FreeCholesky(whole, free, all_rows, name, ordering, MPI.COMM_SELF).solve
+    except NotSolvableError:  # its reasons are those of meshes
+        raise NotSolvableError(
+            f"the K of block '{name}' is singular with the supports of its solved case"
+        ) from None
 
 
 def _with_diagonal(matrix: csr_matrix) -> csr_matrix:
