@@ -8,6 +8,8 @@ from itertools import chain
 
 import numpy as np
 
+from hhr_dolfinx.geometries.cells import EDGES
+
 CORNER_FACES = {
     4: ((0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)),
     5: ((0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
@@ -18,22 +20,9 @@ CORNER_FACES = {
 CalculiX.
 """
 EDGES_BY_CORNERS = {
-    4: ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
+    4: EDGES["tetrahedron"],
     6: ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
-    8: (
-        (0, 1),
-        (1, 2),
-        (2, 3),
-        (3, 0),
-        (4, 5),
-        (5, 6),
-        (6, 7),
-        (7, 4),
-        (0, 4),
-        (1, 5),
-        (2, 6),
-        (3, 7),
-    ),
+    8: EDGES["hexahedron"],
 }
 """Corners of the edges, in the order of the nodes on them."""
 CORNERS_BY_NODES = {4: 4, 10: 4, 5: 5, 6: 6, 15: 6, 8: 8, 20: 8}

@@ -53,3 +53,34 @@ def test_von_mises_stress_of_heated_bodies(hypothesis, elastic):
                 for step in (-1e-5, 1e-5)
             ]
             assert slope[1] == pytest.approx((ends[1] - ends[0]) / 2e-5, rel=1e-6), name
+
+
+@pytest.mark.parametrize("elastic", ELASTIC)
+@pytest.mark.parametrize("hypothesis", ["plane_stress", "axisymmetric", "solid"])
+def test_a_free_body_has_no_stress_by_heat_or_swelling(hypothesis, elastic):
+    """Rollers on three sides, far from the obstacle: any uniform strain is free, whatever C is.
+
+    Stresses are round-off of C times the strain, about 3 times 0.02. In axisymmetry swelling is the
+    same along r and θ.
+    """
+    scene = with_bodies(pressed_block(hypothesis, cells=3), **ELASTIC[elastic])
+    up = 2 if hypothesis == "solid" else 1
+    rollers = tuple(
+        hhr.Displacement(block.side(axis, upper=False), axis)
+        for axis in range(up + 1)
+        if hypothesis != "axisymmetric" or axis == up
+    )
+    across = {"plane_stress": (0, 1), "axisymmetric": (0, 2), "solid": (0,)}[hypothesis]
+    strain = np.diag([0.02 if axis in across else 0.0 for axis in range(3)])
+    loads = (
+        hhr.ThermalExpansion(block.SOLID, "2e-2", "push"),
+        hhr.Eigenstrain(block.SOLID, "push", strain.tolist()),
+    )
+    far = (hhr.Obstacle(block.side(up, upper=True), tuple(np.eye(up + 1)[up]), 50.0),)
+    outputs = (hhr.VonMises("peak", block.SOLID),)
+    free = dataclasses.replace(
+        scene, displacements=rollers, loads=loads, contacts=far, outputs=outputs
+    )
+    answer = hhr.FullOrderModel(free).solve(scene.parameters.upper)
+    assert np.abs(answer.displacement()).max() > 1e-3
+    assert answer.outputs()["peak"] < 1e-12
