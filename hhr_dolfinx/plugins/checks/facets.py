@@ -11,6 +11,7 @@ from hhr_dolfinx.plugins.checks.recovery import (
     HEXAHEDRON_KINDS,
     QUADRILATERAL_KINDS,
     TETRAHEDRON_KINDS,
+    TRIANGLE_KINDS,
 )
 
 
@@ -60,6 +61,11 @@ def _split(mesh: AnswerMesh, face: tuple[int, ...]) -> list[tuple[int, ...]]:
     return [(corner, after, centre, ahead) for corner, after, ahead in corners]
 
 
+def _is_surface(mesh: AnswerMesh) -> bool:
+    """True for a mesh of triangles in space: outer faces of blocks of other codes."""
+    return mesh.points.shape[1] == 3 and mesh.kind in TRIANGLE_KINDS
+
+
 def outer_facets(mesh: AnswerMesh, body: int, *, split: bool = True) -> np.ndarray:
     """Nodes of the outer facets of a body, (f, k), with outer normals; lines in the plane.
 
@@ -69,6 +75,8 @@ def outer_facets(mesh: AnswerMesh, body: int, *, split: bool = True) -> np.ndarr
         split: split facets of second order at their middle nodes, else take their corners.
     """
     cells = mesh.cells[mesh.bodies == body]
+    if _is_surface(mesh):
+        return cells
     faces = FACES[_kind_of(mesh)]
     keys = np.concatenate([np.sort(cells[:, list(face)], axis=1) for face in faces])
     _, first, count = np.unique(keys, axis=0, return_index=True, return_counts=True)

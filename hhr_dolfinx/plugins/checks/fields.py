@@ -22,6 +22,7 @@ from hhr_dolfinx.models.answer import Answer, History, Meshed
 from hhr_dolfinx.models.answer_mesh import AnswerMesh
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.plugins.checks.contact_fields import gaps, is_full, statuses
+from hhr_dolfinx.plugins.checks.recovery import stress_of_cells
 
 with extra("pictures", "fields for ParaView"):
     import pyvista
@@ -184,21 +185,11 @@ def _add_stress(
 
     Without a full model what the files beside a model have of them.
     """
-    if is_full(meshed) and not meshed.discretisation.has_mesh:  # K of other codes knows no strains
-        return
-    # a model from a file has no stress without the mesh
-    if is_full(meshed) and meshed.equilibrium is None:
-        stress = meshed.stress_of(answer.displacement(), answer.parameter)
-    elif mesh.von_mises is not None:
+    if not is_full(meshed) and mesh.von_mises is not None:
         grid.cell_data["von_mises"] = mesh.von_mises(answer.displacement(), answer.parameter)
         return
-    else:
-        try:
-            stress = answer.stress()
-        except NotOfferedError:
-            if is_full(meshed):
-                raise
-            return
-    stress = stress.reshape(grid.n_cells, -1, stress.shape[-1]).mean(axis=1)
+    stress = stress_of_cells(meshed, answer)
+    if stress is None:
+        return
     grid.cell_data["stress_kelvin"] = stress
     grid.cell_data["von_mises"] = von_mises(stress)

@@ -97,6 +97,32 @@ class StressSamples:
             return sums / weights[:, None]
 
 
+def stress_of_cells(meshed: Meshed, answer: Answer) -> np.ndarray | None:
+    """Mean stress of each cell, Kelvin's notation, (cells, components); None without strains.
+
+    K of another code and a model from a file know none.
+
+    Args:
+        meshed: the full model, or the mesh beside a model file.
+        answer: answer of any model of the scene.
+    """
+    full = meshed if is_full(meshed) else None
+    if full is not None and not full.discretisation.has_mesh:
+        return None
+    if full is not None and full.equilibrium is None:
+        stress = full.stress_of(answer.displacement(), answer.parameter)
+    else:
+        try:
+            stress = answer.stress()
+        except NotOfferedError:
+            if full is not None:
+                raise
+            return None
+    count = len(meshed.answer_mesh().cells)
+    mean: np.ndarray = stress.reshape(count, -1, stress.shape[-1]).mean(axis=1)
+    return mean
+
+
 def stress_samples(meshed: Meshed, answer: Answer) -> StressSamples | None:
     """Stress of an answer on its mesh; None if neither the model nor the file beside it has it.
 
@@ -105,20 +131,15 @@ def stress_samples(meshed: Meshed, answer: Answer) -> StressSamples | None:
         answer: answer of any model of the scene.
     """
     mesh = meshed.answer_mesh()
-    if is_full(meshed) and meshed.equilibrium is None:
-        stress = meshed.stress_of(answer.displacement(), answer.parameter)
-    else:
-        try:
-            stress = answer.stress()
-        except NotOfferedError:
-            if is_full(meshed):
-                raise
-            beside: Any = meshed
-            arrays = beside.deviators(answer.displacement(), answer.parameter)
-            if arrays is None:
-                return None
-            elements, areas, bodies, tensors = arrays
-            weights = cell_volumes(mesh) if areas is None else areas
-            return StressSamples(elements, weights, bodies, tensors, deviators=True)
-    stress = stress.reshape(len(mesh.cells), -1, stress.shape[-1]).mean(axis=1)
-    return StressSamples(mesh.cells, cell_volumes(mesh), mesh.bodies, stress)
+    stress = stress_of_cells(meshed, answer)
+    if stress is not None:
+        return StressSamples(mesh.cells, cell_volumes(mesh), mesh.bodies, stress)
+    if is_full(meshed):
+        return None
+    beside: Any = meshed
+    arrays = beside.deviators(answer.displacement(), answer.parameter)
+    if arrays is None:
+        return None
+    elements, areas, bodies, tensors = arrays
+    weights = cell_volumes(mesh) if areas is None else areas
+    return StressSamples(elements, weights, bodies, tensors, deviators=True)

@@ -250,3 +250,16 @@ def test_imposed_motions_of_a_block_with_a_modulus(own):
     theirs = foreign_scene(replace(own, factor="E"), **given, displacements=moved)
     found = hhr.FullOrderModel(theirs).solve((0.01, 1.7)).forces()
     assert np.abs(found - ours.forces()).max() <= 1e-9 * ours.forces().max()
+
+
+@needs("checks")
+def test_a_picture_has_the_surface_and_the_pressure(tmp_path):
+    """K knows no stress: bodies have the colours of the displacement."""
+    pytest.importorskip("pyvista")
+    full = hhr.FullOrderModel(foreign_scene(own_block()))
+    answer = full.solve(full.parameters.middle)
+    figure = answer.plot(tmp_path / "block.png")
+    titles = " ".join(axes.get_title() for axes in figure.axes)
+    closed = np.count_nonzero(answer.forces() > 0)
+    assert closed and f"contact: {closed} of" in titles
+    assert (tmp_path / "block.png").stat().st_size > 10_000
