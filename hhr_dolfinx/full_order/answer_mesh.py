@@ -11,18 +11,16 @@ from hhr_dolfinx.models.answer_mesh import AnswerMesh
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
-    from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 
 
-def answer_mesh_of(discretisation: Discretisation, problem: ContactProblem) -> AnswerMesh:
+def answer_mesh_of(discretisation: DiscreteSpace, problem: ContactProblem) -> AnswerMesh:
     """Mesh of a full model with its contact problem, on each of its ranks. Collective.
 
     Args:
         discretisation: finite element model of the scene.
         problem: its contact problem.
     """
-    if not discretisation.has_mesh:
-        return discretisation.answer_mesh(problem)  # type: ignore[attr-defined]
     scene = discretisation.scene
     space = discretisation.space
     cells, kinds, _ = vtk_mesh(space)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
@@ -26,6 +26,7 @@ from hhr_dolfinx.contact.prolongation import Prolongation
 from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.contact.shares import Shares
 from hhr_dolfinx.errors import SceneError, rounded
+from hhr_dolfinx.full_order.answer_mesh import answer_mesh_of
 from hhr_dolfinx.full_order.checks import conditions_with_unknowns, warn_of_idle_parameters
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.elasticity import elasticity_of
@@ -40,6 +41,7 @@ from hhr_dolfinx.scene import Scene
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Formula, Modulus
     from hhr_dolfinx.full_order.system import StatedSystem
+    from hhr_dolfinx.models.answer_mesh import AnswerMesh
     from hhr_dolfinx.outputs import Output
 
 ONE_LINE = 0.7
@@ -57,19 +59,8 @@ class Discretisation(DiscreteSpace):
             each other, or conflicting displacements.
     """
 
-    # False for a system that has matrices alone, and an ``answer_mesh(problem)`` of its own
+    #: False for the matrices of a system that has no mesh
     has_mesh = True
-
-    def __new__(cls, scene: Scene | None = None, comm: MPI.Comm = MPI.COMM_WORLD) -> Self:
-        """Choose the class that a system states, ``discretised``; a copy has that of its original.
-
-        Args:
-            scene: the scene; None for a copy.
-            comm: processes of the model.
-        """
-        if scene is None or cls is not Discretisation:
-            return super().__new__(cls)
-        return super().__new__(getattr(scene.system, "discretised", cls))
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         super().__init__(scene, comm)
@@ -334,6 +325,10 @@ class Discretisation(DiscreteSpace):
         """
         return free_bodies(self.scene, problem, self.group.joined(self.cell_bodies()), self.springs)
 
+    def answer_mesh(self, problem: ContactProblem) -> AnswerMesh:
+        """Mesh of the answers, see :func:`~hhr_dolfinx.full_order.answer_mesh.answer_mesh_of`."""
+        return answer_mesh_of(self, problem)
+
     def stress(self, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Stress of a displacement, see :meth:`~ConstantElasticity.stress_in_cells`.
 
@@ -455,6 +450,20 @@ class Discretisation(DiscreteSpace):
             for index, term in opened
         ]
         return joined(rows_of_pairs), pairs, terms
+
+
+def discretised(scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD) -> Discretisation:
+    """Discretisation of a scene, by the class that its system states if that has its own matrices.
+
+    Args:
+        scene: the scene.
+        comm: processes of the model.
+
+    Raises:
+        NotOfferedError, SceneError: see :class:`Discretisation`.
+    """
+    made: type[Discretisation] = getattr(scene.system, "discretised", Discretisation)
+    return made(scene, comm)
 
 
 def _gaps(rows: ContactRows, opened: np.ndarray, lifts: csc_matrix) -> np.ndarray:

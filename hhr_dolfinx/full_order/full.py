@@ -16,8 +16,7 @@ from hhr_dolfinx.contact.active_set import Pairs, Status
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness
 from hhr_dolfinx.errors import NotOfferedError, SceneError
-from hhr_dolfinx.full_order.answer_mesh import answer_mesh_of
-from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.full_order.discretisation import Discretisation, discretised
 from hhr_dolfinx.full_order.system import System
 from hhr_dolfinx.full_order.with_laws import with_laws
 from hhr_dolfinx.group import group_of
@@ -64,7 +63,7 @@ class FullOrderModel(FullModel):
     unbounded = "the full model has no reduction error"
 
     trained = None  # no training range
-    discretised: type[Discretisation] = Discretisation
+    discretised: Callable[[Scene, MPI.Comm], Discretisation] = staticmethod(discretised)
     scene: Scene
     system: System
 
@@ -279,7 +278,7 @@ class FullOrderModel(FullModel):
 
     def answer_mesh(self) -> AnswerMesh:
         """See :class:`~hhr_dolfinx.models.answer.Meshed`. Collective."""
-        return answer_mesh_of(self.discretisation, self.problem)
+        return self.discretisation.answer_mesh(self.problem)
 
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""

@@ -13,7 +13,7 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.full_order.discretisation import Discretisation, discretised
 from hhr_dolfinx.full_order.with_laws import BodiesWithLaws, with_laws
 from hhr_dolfinx.loads import Load, Terms, checked_terms
 from hhr_dolfinx.pairings.surface import Surface
@@ -53,7 +53,7 @@ def check_scene(scene: Scene, point: PointLike | None = None) -> SceneCheck:
     space = scene.parameters
     middle = space.middle if point is None else space.point(point)
     with check.heard():
-        check.discretisation = Discretisation(scene, MPI.COMM_SELF)
+        check.discretisation = discretised(scene, MPI.COMM_SELF)
     if check.discretisation is None:
         return check
     has_mesh = check.discretisation.has_mesh  # a system of other codes has none

@@ -58,10 +58,10 @@ def export(scene: str, words: tuple[str, ...], out: Path) -> None:
     from mpi4py import MPI
 
     from hhr_dolfinx.command.loading import checked_target, point_of, scene_of
-    from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.full_order.discretisation import discretised
     from hhr_dolfinx.plugins.exporters.deck import write_deck
 
     checked_target(out, DECKS)
     loaded = scene_of(scene)
-    write_deck(out, Discretisation(loaded, MPI.COMM_SELF), point_of(words, loaded.parameters))
+    write_deck(out, discretised(loaded, MPI.COMM_SELF), point_of(words, loaded.parameters))
     click.echo(out)

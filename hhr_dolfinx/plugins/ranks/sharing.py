@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.full_order.discretisation import discretised
 from hhr_dolfinx.group import ProcessGroup
 from hhr_dolfinx.plugins.ranks.expected import expected_in_space
 from hhr_dolfinx.scene import Scene
@@ -36,7 +36,7 @@ def no_room_side_by_side(scene: Scene, group: ProcessGroup) -> str:
     with group.each(f"looking at the size of scene '{scene.name}'"):
         room = free_gigabytes()
         if machine.rank == 0 and room is not None:
-            rows, _ = Discretisation(scene, MPI.COMM_SELF).contact_rows()
+            rows, _ = discretised(scene, MPI.COMM_SELF).contact_rows()
             needed = expected_in_space(rows.matrix).gigabytes
             if machine.size * needed > FREE_MEMORY_SHARE * room:
                 reason = (
