@@ -9,7 +9,7 @@ refuses, so that its reasons come first.
 from __future__ import annotations
 
 REFUSED = {
-    "linear/sparse.py:__init__": "foreign+preload foreign+tie",
+    "plugins/foreign/case.py:factored": "foreign+preload foreign+tie",
     "plugins/foreign/parts.py:_labelled": "coupled_force+foreign foreign+periodic",
     "plugins/foreign/stiffness.py:__call__": "foreign+sliding",
     "plugins/sliding/slide.py:_check_output": "contact_area+sliding",
@@ -80,7 +80,7 @@ _EXPORT = _SMALL | {
 
 REASONS: dict[str, dict[str, str]] = {
     "full": {
-        "linear/sparse.py:__init__": (
+        "plugins/foreign/case.py:factored": (
             "A section that is tied or drawn together makes two pieces of a body. Its K alone has "
             "motions of both, which no solved load case of one held piece determines."
         ),
