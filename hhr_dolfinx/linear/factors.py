@@ -25,6 +25,10 @@ workspace: seen on three ranks with few dofs.
 """
 PRODUCT_NUMBERS = 2_000_000
 """Numbers in one block of a product, 16 MB."""
+FAR_FROM_ROUND_OFF = 1e-9
+"""Smallest pivot over the largest above which a matrix is regular: a singular one of a million rows
+leaves less than 1e-10, in its Schur complement too.
+"""
 _WRONG_ARGUMENT = 62  # PETSC_ERR_ARG_WRONG
 
 
@@ -104,6 +108,23 @@ class Factors:
             self._ksp.setOperators(self._matrix)
             self._prepare(room)
         return factorised(self._ksp) and self._closed()
+
+    @property
+    def clearly_regular(self) -> bool:
+        """True if pivots of MUMPS are far from round-off, of one rank.
+
+        False also where pivots are not known: other solvers, MUMPS before 5.5.
+        """
+        if self._matrix.comm.size > 1 or self._ksp.getPC().getFactorSolverType() != "mumps":
+            return False
+        factor = self._ksp.getPC().getFactorMatrix()
+        smallest, largest = factor.getMumpsRinfog(19), factor.getMumpsRinfog(21)
+        if self.last is not None:
+            if not self._inverted:
+                return False
+            with self.left() as inverse:  # its last pivot is one over its last entry or larger
+                smallest = min(smallest, 1 / np.diagonal(inverse).max(initial=0.0))
+        return bool(smallest > FAR_FROM_ROUND_OFF * largest > 0)
 
     def _closed(self) -> bool:
         """Invert the Schur complement, or set up solutions without it.

@@ -44,6 +44,8 @@ class Substructures:
     Unless they are ``possible``, by MUMPS and the size of the border, no method may be called.
     """
 
+    clearly_regular = False  #: pivots are in factors of several kinds, and are not read
+
     def __init__(
         self, pattern: Pattern, values: np.ndarray, prefix: str, comm: Comm, last: np.ndarray,
         *, low_rank: float | None,
