@@ -139,8 +139,8 @@ test: setup
 
 QUICK = active_set bad_input bad_meshes enrichment formulas forms full_order house \
   laws_of_bodies loads many mesh_files model_files peers plain reduced registry sampling stability timing trust
-QUICK_PLUGINS = checks/test_fields differences/test_bounds greedy/test_restriction inelastic/test_cubature \
-  elasticity/test_locking inelastic/test_history_files inelastic/test_laws local/test_subspaces moduli/test_interpolation \
+QUICK_PLUGINS = plots/test_fields exact_errors/test_bounds greedy/test_restriction inelastic/test_cubature \
+  elasticity/test_locking inelastic/test_history_files inelastic/test_laws local_models/test_subspaces moduli/test_interpolation \
   nonmatching/test_bad_pairings paths/test_path_families ranks/test_rows studies/test_pictures
 
 # for people at work: each room of the house, and that what was installed works, in less than a minute
@@ -181,7 +181,7 @@ setup:
 
 # which of DOLFINx, PETSc, MUMPS, gmsh and the programs of the tests are there, and what they lack
 doctor: setup
-	@.venv/bin/python -m hhr_dolfinx.plugins.checks.doctor
+	@.venv/bin/python -m hhr_dolfinx.plugins.scene_checks.doctor
 
 # the site in out/site: tutorial, demos, reference; its examples are run, and a warning is an error
 docs: setup

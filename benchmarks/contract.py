@@ -222,7 +222,7 @@ def sliding(condensed: bool) -> Any:
 
 def local_set() -> Any:
     """The same model for either half of the box."""
-    from hhr_dolfinx.plugins.local.models import LEAF, Choice
+    from hhr_dolfinx.plugins.local_models.models import LEAF, Choice
 
     model = training("constant").build(AS_IT_IS)
     other = model.changed(fields=dataclasses.replace(model.fields))

@@ -28,7 +28,7 @@ from scipy import linalg
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.plugins.local.subspaces import theorem_9
+from hhr_dolfinx.plugins.local_models.subspaces import theorem_9
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity
 from hhr_dolfinx.plugins.theorems.theorems import RIGHT_SIDE_ROUND_OFF, ThesisBounds
 from hhr_dolfinx.study.training.train import Training

@@ -29,7 +29,7 @@ from hhr_dolfinx.plugins.inelastic.local_solver import (
     TRIAL,
     solve_points,
 )
-from hhr_dolfinx.plugins.programs.machine import evaluated
+from hhr_dolfinx.plugins.ufl_programs.machine import evaluated
 
 SIZES = (1e-4, 1e-3, 1e-2, 1e-1)
 """Sizes of strain of each component."""

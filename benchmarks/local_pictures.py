@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.plugins.local.models import LocalModels
+from hhr_dolfinx.plugins.local_models.models import LocalModels
 from hhr_dolfinx.study.training.train import Training
 
 LABELS = ("P1 [MPa]", "h1 [mm]")

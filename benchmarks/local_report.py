@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import summary
-from hhr_dolfinx.plugins.local.clustered import sizes_of
-from hhr_dolfinx.plugins.local.models import LocalModels
+from hhr_dolfinx.plugins.local_models.clustered import sizes_of
+from hhr_dolfinx.plugins.local_models.models import LocalModels
 from hhr_dolfinx.plugins.studies.points import time_queries
 
 if TYPE_CHECKING:

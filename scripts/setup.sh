@@ -151,6 +151,6 @@ for place in registry.named("tools").values(): registry.load(place)' || {
     say "The installation does not work; the message above says why."
     exit 1
 }
-[ ! -f hhr_dolfinx/plugins/checks/doctor.py ] || "$venv/bin/python" -m hhr_dolfinx.plugins.checks.doctor | while IFS= read -r line; do say "    $line"; done
+[ ! -f hhr_dolfinx/plugins/scene_checks/doctor.py ] || "$venv/bin/python" -m hhr_dolfinx.plugins.scene_checks.doctor | while IFS= read -r line; do say "    $line"; done
 printf '%s\n' "$extras" >"$stamp"
 say "Set up in $(($(date +%s) - begin)) s: $(du -sm "$venv" | cut -f1) MB in $venv"

@@ -25,7 +25,7 @@ def choice(nodes, reach):
     rows = np.array(
         [(axis, *rest, 0) if axis >= 0 else (-1, 0.0, 0, 0, *rest) for axis, *rest in nodes]
     )
-    from hhr_dolfinx.plugins.local.models import Choice
+    from hhr_dolfinx.plugins.local_models.models import Choice
 
     axis, low, high, label = (rows[:, k].astype(np.int64) for k in (0, 2, 3, 4))
     return Choice(axis, rows[:, 1].copy(), low, high, label, np.array(reach, dtype=float))

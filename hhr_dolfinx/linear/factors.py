@@ -118,7 +118,8 @@ class Factors:
         if self._matrix.comm.size > 1 or self._ksp.getPC().getFactorSolverType() != "mumps":
             return False
         factor = self._ksp.getPC().getFactorMatrix()
-        smallest, largest = factor.getMumpsRinfog(19), factor.getMumpsRinfog(21)
+        smallest = factor.getMumpsRinfog(19)
+        largest = factor.getMumpsRinfog(21)
         if self.last is not None:
             if not self._inverted:
                 return False

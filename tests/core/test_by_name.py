@@ -147,7 +147,7 @@ def test_a_plug_in_of_another_package_registers_as_ours_do(installed, tmp_path):
     assert (tmp_path / "note.txt").read_text() == "slab"
 
 
-@needs("checks")
+@needs("plots")
 def test_the_command_knows_installed_scenes(installed, tmp_path):
     assert "  slab_on_ramp (contact-toys)" in hhr_command(installed, tmp_path, "list").splitlines()
     assert "contact 0 of 20: 7 conditions" in hhr_command(

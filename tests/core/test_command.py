@@ -83,7 +83,7 @@ def test_every_command_helps_with_examples():
     assert invoke("--version")[0] == 0
 
 
-@needs("differences")
+@needs("exact_errors")
 def test_training_says_each_thing_once(trained):
     folder, found = trained
     lines = found.stdout.splitlines()
@@ -135,7 +135,7 @@ def test_an_interrupted_training_keeps_its_answers(tmp_path):
     )
 
 
-@needs("differences")
+@needs("exact_errors")
 def test_scene_and_model_answer_alike(file, full):
     code, output = invoke("solve", DEMO, *AT)
     exact, answer = told(output), full.solve(POINT)
@@ -161,7 +161,7 @@ def test_scene_and_model_answer_alike(file, full):
     assert found == pytest.approx(exact, rel=1e-4)
 
 
-@needs("checks")
+@needs("plots")
 @pytest.mark.parametrize("ending", [".vtu", ".vtkhdf"])
 def test_fields_are_those_of_the_answer(ending, tmp_path, full):
     pyvista = pytest.importorskip("pyvista")
@@ -306,7 +306,7 @@ def test_a_study_has_a_page(tmp_path):
     assert (tmp_path / "report.html").read_text(encoding="utf-8") == page
 
 
-@needs("checks")
+@needs("plots")
 def test_a_check_draws_and_finds(tmp_path):
     code, output = invoke("check", DEMO, "--at", "travel=1", "--picture", tmp_path / "it.png")
     assert (
@@ -605,7 +605,7 @@ def test_a_fault_of_the_program_keeps_its_traceback(monkeypatch):
 
 @pytest.mark.parametrize(
     "words",
-    [["list"], pytest.param(["check", DEMO, "--picture", "it.png"], marks=needs("checks"))],
+    [["list"], pytest.param(["check", DEMO, "--picture", "it.png"], marks=needs("plots"))],
     ids=lambda w: w[0],
 )
 def test_a_reader_that_has_seen_enough_is_no_crash(words, tmp_path):

@@ -30,7 +30,7 @@ ALL = (
     "floating",
     "friction",
     "inelastic",
-    "local",
+    "local_models",
     "moduli",
     "shapes",
     "sliding",

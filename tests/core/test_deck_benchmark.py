@@ -12,7 +12,7 @@ from needs import needs
 NAMED = {entry.source: entry for entry in ENTRIES}
 
 
-@needs("decks", "checks", "mortar")
+@needs("decks", "scene_checks", "mortar")
 @pytest.mark.parametrize("name", ["testmortar", "contact13"])
 def test_a_deck_is_right_or_refused(name, tmp_path):
     found = decks.run(NAMED[name], tmp_path, False)

@@ -104,7 +104,7 @@ def test_six_parameters(materials, condensed):
     assert (finer.max(axis=1) < 1e-3 * errors.max(axis=1)).all()
 
 
-@needs("differences")
+@needs("exact_errors")
 def test_many_estimates_are_those_of_each(reduced):
     """Two ways to the same forces, to round-off of these; a copy knows bounds of outputs too."""
     points = reduced.parameters.random(20, seed=2)
@@ -152,7 +152,7 @@ def test_estimates_of_parts_are_put_in_order():
     )
 
 
-@needs("local")
+@needs("local_models")
 def test_local_models_measure_by_the_same_sizes(pellet, reduced):
     """Each is trained on a part, and the largest forces of all parts count."""
     local, points = (
@@ -171,7 +171,7 @@ def test_local_models_measure_by_the_same_sizes(pellet, reduced):
     assert local.known_error == reduced.known_error
 
 
-@needs("differences")
+@needs("exact_errors")
 def test_a_point_without_contact_is_not_infinitely_wrong():
     """No force is exact and predicted.
 

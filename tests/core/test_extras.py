@@ -60,9 +60,9 @@ NEEDED = {
     "flow": "hhr.FullOrderModel(pressed_block('plane_strain', poisson=0.4999))",
     "study": "import hhr_dolfinx.command.console",
     "tables": "hhr.read_points('table.parquet', hhr.ParameterSpace(('mu',), (0.0,), (1.0,)))",
-    "pictures": "import hhr_dolfinx.plugins.checks.fields",
+    "pictures": "import hhr_dolfinx.plugins.plots.fields",
     "local": (
-        "from hhr_dolfinx.plugins.local.clusters import medoids; "
+        "from hhr_dolfinx.plugins.local_models.clusters import medoids; "
         "medoids([[0.0, 1.0], [1.0, 0.0]], 1)"
     ),
     "peers": "from peers import nonnegative_factors; nonnegative_factors(None, 1)",
@@ -91,7 +91,7 @@ def test_everything_optional_has_its_extra():
     assert set(re.search(r"\[(.*)\]", everything)[1].split(",")) == OPTIONAL.keys()
 
 
-OF_PLUGINS = {"local": "local", "mortar": "mortar", "pictures": "checks", "tables": "tables"}
+OF_PLUGINS = {"local": "local_models", "mortar": "mortar", "pictures": "plots", "tables": "tables"}
 """Extras of plug-ins alone."""
 
 

@@ -714,11 +714,11 @@ def test_missing_numbers_are_answered_with_what_the_file_has(tmp_path):
     assert "    14  1 facet, x 0 to 1, y 0 to 1, z = 2.01" in str(found.value)
 
 
-@needs("checks", "nonmatching")
+@needs("scene_checks", "nonmatching")
 def test_checks_of_a_scene_and_of_a_file_name_what_is_left_out(beam, tmp_path, monkeypatch):
     from shell import invoke
 
-    from hhr_dolfinx.plugins.checks.check import check_scene
+    from hhr_dolfinx.plugins.scene_checks.check import check_scene
 
     notes = [
         finding.text
@@ -737,12 +737,12 @@ def test_checks_of_a_scene_and_of_a_file_name_what_is_left_out(beam, tmp_path, m
     assert invoke("check", "beam.inp", "--at", "load=3")[0] == 2
 
 
-@needs("checks", "nonmatching")
+@needs("scene_checks", "nonmatching")
 def test_gaps_of_a_look_are_those_that_are_drawn(tmp_path):
     """Where moduli vary, imposed displacements had closed them already: -0.015 for a mesh that is
     drawn with 0.01.
     """
-    from hhr_dolfinx.plugins.checks.check import check_scene
+    from hhr_dolfinx.plugins.scene_checks.check import check_scene
 
     scene = two_cubes(written(tmp_path / "blocks.inp", DECK), NAMES)
     varying = replace(

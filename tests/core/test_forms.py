@@ -153,7 +153,7 @@ def none_compiled(monkeypatch):
     return lambda: monkeypatch.setattr(ffcx.codegeneration.jit, "_compile_objects", forbidden)
 
 
-@needs("checks")
+@needs("plots")
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "plane_stress", "axisymmetric", "solid"])
 def test_new_moduli_compile_nothing(hypothesis, none_compiled):
     """Build, stress and error of the mesh.
@@ -180,7 +180,7 @@ def test_new_moduli_compile_nothing(hypothesis, none_compiled):
         assert largest_difference(other, 2 * one) <= 1e-14  # products of numbers in another order
 
 
-@needs("checks")
+@needs("plots")
 def test_new_parameters_compile_nothing(none_compiled):
     """The error of the mesh at other parameters of a formula; it scales with no modulus."""
     scene = pressed_pair(

@@ -99,7 +99,7 @@ def bolted(pairing, size, young=200.0):
 FINE = pytest.param("fine", marks=(pytest.mark.slow, needs("moduli")))
 
 
-@needs("differences", "theorems")
+@needs("exact_errors", "theorems")
 @pytest.mark.parametrize("pairing", PAIRINGS)
 @pytest.mark.parametrize("mesh", ["coarse", FINE])
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")

@@ -254,11 +254,11 @@ UNNEEDED = {
     | own("plugins.inelastic.history_gradient plugins.studies.points reduction.exact"),
 }
 """What a study of a scene does without: an elastic one on matching meshes, and one that flows."""
-OF_BOTH = {"checks", "differences", "small_strains", "studies", "theorems"}
+OF_BOTH = {"scene_checks", "exact_errors", "small_strains", "studies", "theorems"}
 PLUGINS = {
     "elastic": OF_BOTH | {"baselines"},
     "inelastic": OF_BOTH
-    | {"elasticity", "inelastic", "mortar", "nonmatching", "paths", "programs", "volume_loads"},
+    | {"elasticity", "inelastic", "mortar", "nonmatching", "paths", "ufl_programs", "volume_loads"},
 }
 """All plug-ins of which such a study loads more than the manifest."""
 

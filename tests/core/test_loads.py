@@ -307,7 +307,7 @@ def partly_pressed(cells, curved):
     )
 
 
-@needs("differences")  # forces outside the RID by the exact problem, not by training forces
+@needs("exact_errors")  # forces outside the RID by the exact problem, not by training forces
 @pytest.mark.parametrize(("cells", "curved"), [(8, 0), (2, 5)])
 def test_a_displacement_by_a_formula_beside_a_partial_pressure(cells, curved):
     """On the imposed side the displacement is the formula itself, in the full order and

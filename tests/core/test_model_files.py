@@ -46,7 +46,7 @@ OF_MESH = {
 OF_CONTRACT = tuple(
     kind for kind in contract.KINDS if kind not in {*OF_MESH, "interpolated condensation, floating"}
 )
-LOCAL = ("local pellet",) if present("local") else ()
+LOCAL = ("local pellet",) if present("local_models") else ()
 FLOWING = ("condensed pellet", "flowing pellet") if present("inelastic", "nonmatching") else ()
 PELLET = ("pellet", *LOCAL, *FLOWING)
 ALL = (*OF_CONTRACT, *PELLET)
@@ -324,7 +324,7 @@ def test_zeros_are_not_stored_and_keep_their_sign(models, kept, tmp_path):
     assert size <= 16 * len(models("pellet").fields.gaps)
 
 
-@needs("local")
+@needs("local_models")
 def test_what_models_share_is_kept_once(models, kept, tmp_path):
     """S, the free slack, the modes of a basis that all have."""
     stored = hhr.load_model(kept("local pellet"))
@@ -435,7 +435,7 @@ class Careless:
         return getattr(self.program, name)
 
 
-@needs("local")
+@needs("local_models")
 def test_an_amplitude_of_a_users_own(tmp_path):
     """A load of a user's own with a term that is not affine, through the whole chain to the file,
     alone and in sets.
@@ -460,7 +460,7 @@ def test_an_amplitude_of_a_users_own(tmp_path):
         assert bits(hhr.load_model(own, known=[Square])) == bits(by_lapack(model))
 
 
-@needs("local")
+@needs("local_models")
 def test_an_indicator_stays_behind_and_is_warned_of(models, tmp_path):
     model, local = models("pellet"), models("local pellet")
     fields = replace(
@@ -490,7 +490,7 @@ def test_an_indicator_stays_behind_and_is_warned_of(models, tmp_path):
         stored.solve(point, outside="ignore").stress()
 
 
-@needs("local", "inelastic", "nonmatching")
+@needs("local_models", "inelastic", "nonmatching")
 def test_what_could_not_be_read_is_not_written(models, tmp_path):
     model, flow = models("pellet"), models("condensed pellet")
     problem, local = model.problem, models("local pellet")
@@ -903,7 +903,7 @@ REFUSED = {
 }
 
 
-@needs("differences")
+@needs("exact_errors")
 @pytest.mark.parametrize(
     "kind, number",
     [quick(kind, k) for kind, rows in REFUSED.items() if kind in ALL for k in range(len(rows))],

@@ -200,7 +200,7 @@ def named_lines(page):
 
 
 @pytest.mark.slow
-@needs("decks", "constraints", "exporters", "mortar", "checks", "pages")
+@needs("decks", "constraints", "exporters", "mortar", "plots", "pages")
 @pytest.mark.parametrize("page", [page for page in (*PAGES, *OTHERS) if named_lines(page)])
 def test_commands_of_other_pages_run(page, folder):
     if "part.msh" in " ".join(named_lines(page)):
@@ -232,7 +232,7 @@ TARGETS = {
     "mutants": "tests/core/test_mutations.py",
     "without": "tests/core/test_without.py::test_the_core_passes_without_plug_ins",
     "same": "tests/core/test_same.py",
-    "doctor": "tests/plugins/checks/test_doctor.py",
+    "doctor": "tests/plugins/scene_checks/test_doctor.py",
 }
 """Targets of the Makefile that call no script of demos or benchmarks, and what runs them."""
 
@@ -280,7 +280,7 @@ def test_targets_and_scripts_that_a_page_names_are_there(page):
 
 
 @needs(
-    "checks", "decks", "exporters", "one_call", "pages", "paths", "studies", "tables", "um_bridge"
+    "plots", "decks", "exporters", "one_call", "pages", "paths", "studies", "tables", "um_bridge"
 )
 def test_verbs_that_pages_name_are_those_of_the_command():
     """And each of them is run by one of the tests above, or by that of ELSEWHERE."""

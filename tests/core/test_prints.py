@@ -56,7 +56,7 @@ def test_notebooks_show_the_same_as_a_table(values):
         ), name
 
 
-@needs("differences")
+@needs("exact_errors")
 def test_lines_say_what_is_there(values, training):
     answer = values["answer of full"]
     touching = int(answer.active.sum())
@@ -117,7 +117,7 @@ def test_pressures_are_those_of_a_uniform_strip(values, training):
         np.testing.assert_allclose(pressure, np.full(areas.size, 3.0 / 0.91 * 0.04 / 2), rtol=1e-9)
 
 
-@needs("checks")
+@needs("plots")
 def test_a_copy_needs_the_full_model_for_pressures(values, training):
     for name in ("condensed", "reduced"):
         for model in (copy.deepcopy(values[name]), pickle.loads(pickle.dumps(values[name]))):
@@ -134,7 +134,7 @@ def test_a_copy_needs_the_full_model_for_pressures(values, training):
             np.testing.assert_allclose(answer.pressure(training.full_order), known, rtol=1e-12)
 
 
-@needs("checks")
+@needs("plots")
 def test_answers_and_scenes_draw_themselves(values, training, tmp_path):
     pytest.importorskip("matplotlib")
     answer = values["answer of condensed"]

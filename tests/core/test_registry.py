@@ -231,13 +231,13 @@ def test_what_a_scene_needs_of_a_plug_in_that_is_not_there_is_named(tmp_path):
         registry.reader_of(object(), "a body")
     with said("inelastic"):
         find("laws", "Plasticity")
-    with said("checks"):
+    with said("plots"):
         scene.plot()
     with said("friction"):
         _ = hhr.Recipe.with_friction
     with said("shapes"):
         registry.tool("shapes", "a shape")
-    with said("local"):
+    with said("local_models"):
         _ = Training(None, None, None, None).local
     (tmp_path / "mesh.med").write_bytes(b"HDF")
     with said("mesh_formats"):

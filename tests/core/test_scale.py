@@ -258,12 +258,12 @@ def test_factors_that_are_let_go_are_made_anew(monkeypatch):
         )
 
 
-@needs("checks", "nonmatching", "ranks")
+@needs("plots", "nonmatching", "ranks")
 def test_a_check_says_what_a_large_scene_takes(tmp_path):
     """Measured on one core: 96,288 dofs and 1089 conditions .64 GB and 9 s for factors, .010 s a
     column.
     """
-    from hhr_dolfinx.plugins.checks.check import check_scene
+    from hhr_dolfinx.plugins.scene_checks.check import check_scene
 
     def told(cells):
         scene = sphere_on_block.scene(

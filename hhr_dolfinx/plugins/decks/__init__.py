@@ -11,12 +11,12 @@ _FIELD = "hhr_dolfinx.plugins.decks.temperatures"
 PLUGIN = Plugin(
     name="decks",
     needs=(
-        "places",
+        "nodal_loads",
         "mortar",
         "friction",
         "inelastic",
         "volume_loads",
-        "checks",
+        "scene_checks",
         "constraints",
         "obstacles",
         "second_order",

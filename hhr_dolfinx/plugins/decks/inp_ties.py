@@ -9,13 +9,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.plugins.checks.candidates import OuterFacets
 from hhr_dolfinx.plugins.constraints.cut import cut
 from hhr_dolfinx.plugins.constraints.equations import COINCIDENT_NODES, Periodic
 from hhr_dolfinx.plugins.decks.deck import DeckLoad, Left, Tag
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Imposed, KeywordBlock, of_kind
 from hhr_dolfinx.plugins.decks.named import NamedParts
+from hhr_dolfinx.plugins.scene_checks.candidates import OuterFacets
 
 ROUNDED = 1e-4
 """Distance of nodes over the size of the mesh up to which they coincide: some decks have five

@@ -11,9 +11,9 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.geometries.cells import outer_faces, outer_faces_of_cells
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
-from hhr_dolfinx.plugins.checks.candidates import outward
 from hhr_dolfinx.plugins.decks.deck import Pair, Support, Tag
 from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE_SURFACE
+from hhr_dolfinx.plugins.scene_checks.candidates import outward
 
 FLAT_SURFACE = 1e-6
 """Deviation of unit normals up to which a surface is flat, and of nodes, over its extent, up to

@@ -9,7 +9,7 @@ from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.loads import Assembler, Term
-from hhr_dolfinx.plugins.places.places import NodalForce
+from hhr_dolfinx.plugins.nodal_loads.loads import NodalForce
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ import numpy as np
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.geometries.cells import outer_faces
-from hhr_dolfinx.plugins.checks.candidates import OuterFacets
 from hhr_dolfinx.plugins.decks.deck import (
     Deck,
     DeckLoad,
@@ -29,6 +28,7 @@ from hhr_dolfinx.plugins.decks.deck import (
 from hhr_dolfinx.plugins.decks.named import FLAT_SURFACE, NamedParts
 from hhr_dolfinx.plugins.decks.stated import stated_in
 from hhr_dolfinx.plugins.decks.with_outside import with_sides
+from hhr_dolfinx.plugins.scene_checks.candidates import OuterFacets
 
 FACING_SHARE = 0.25
 """Share of the facets of a surface that lie in front of another one from which on the two face each

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from hhr_dolfinx.geometries.cells import outer_faces, outer_faces_of_cells
 from hhr_dolfinx.geometries.mesh_file import MeshFile
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
-from hhr_dolfinx.plugins.checks.candidates import outward
+from hhr_dolfinx.plugins.scene_checks.candidates import outward
 
 OUTSIDE_SURFACE = "outside of all bodies"
 """Name of the surface of all outer facets."""

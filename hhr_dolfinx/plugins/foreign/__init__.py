@@ -8,7 +8,7 @@ _HERE = "hhr_dolfinx.plugins.foreign"
 
 PLUGIN = Plugin(
     name="foreign",
-    needs=("elasticity", "places", "tables"),
+    needs=("elasticity", "nodal_loads", "tables"),
     public={
         f"{_HERE}.stiffness": "ForeignStiffness",
         f"{_HERE}.block": "ForeignBlock",

@@ -101,7 +101,7 @@ def vector_of(load: object, parts: Parts) -> np.ndarray | None:
         return load.vector(parts)
     # the others need UFL to be made
     from hhr_dolfinx.loads import Pressure, Traction
-    from hhr_dolfinx.plugins.places.places import NodalForce
+    from hhr_dolfinx.plugins.nodal_loads.loads import NodalForce
 
     if isinstance(load, Pressure | Traction):
         along = None if isinstance(load, Pressure) else np.array(load.direction, dtype=float)

@@ -10,7 +10,7 @@ from hhr_dolfinx.plugins.friction.laws import SLIP, Friction
 
 
 class _Report:
-    """See :func:`hhr_dolfinx.plugins.checks.fields.grid_of`."""
+    """See :func:`hhr_dolfinx.plugins.plots.fields.grid_of`."""
 
     def point_fields(
         self, problem: ContactProblem, answer: Answer, forces: np.ndarray

@@ -26,7 +26,7 @@ def _wanted(full: FullModel, recipe: Recipe | None = None) -> bool:
 
 PLUGIN = Plugin(
     name=_OURS,
-    needs=("elasticity", "small_strains", "programs", "paths"),
+    needs=("elasticity", "small_strains", "ufl_programs", "paths"),
     optional=("one_call", "studies"),
     public={f"{_HERE}.laws": _LAWS, f"{_HERE}.law": "Law", f"{_HERE}.recipe": _STEPS},
     parts={

@@ -50,9 +50,9 @@ from hhr_dolfinx.plugins.inelastic.local_solver import (
     code_of,
     solve_points,
 )
-from hhr_dolfinx.plugins.programs.graph import Graph
-from hhr_dolfinx.plugins.programs.machine import evaluated
-from hhr_dolfinx.plugins.programs.program import Order, Program
+from hhr_dolfinx.plugins.ufl_programs.graph import Graph
+from hhr_dolfinx.plugins.ufl_programs.machine import evaluated
+from hhr_dolfinx.plugins.ufl_programs.program import Order, Program
 
 if TYPE_CHECKING:
     from hhr_dolfinx.forms.laws import At, Stated
@@ -719,7 +719,7 @@ class _Made:
 
     def __init__(self, law: Law, strains: int):
         from hhr_dolfinx.forms.laws import At
-        from hhr_dolfinx.plugins.programs.from_ufl import nodes_of, symbols
+        from hhr_dolfinx.plugins.ufl_programs.from_ufl import nodes_of, symbols
 
         declared = [*law.memory.values(), *law.unknowns.values()]
         if set(law.memory) & set(STANDARD) or not all(

@@ -35,8 +35,8 @@ from hhr_dolfinx.plugins.inelastic.local_solver import (
 )
 from hhr_dolfinx.plugins.inelastic.outside import LawCode
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
-from hhr_dolfinx.plugins.programs.forward import Forward
-from hhr_dolfinx.plugins.programs.machine import evaluated
+from hhr_dolfinx.plugins.ufl_programs.forward import Forward
+from hhr_dolfinx.plugins.ufl_programs.machine import evaluated
 
 DIFFERENTIATED_AT_ONCE = 20_000
 """Points times directions that are differentiated at once: registers of a program keep three

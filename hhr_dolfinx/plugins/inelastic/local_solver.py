@@ -37,8 +37,8 @@ from typing import NamedTuple
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
-from hhr_dolfinx.plugins.programs.machine import POINTS_IN_CACHE, run, set_numbers
-from hhr_dolfinx.plugins.programs.program import Program
+from hhr_dolfinx.plugins.ufl_programs.machine import POINTS_IN_CACHE, run, set_numbers
+from hhr_dolfinx.plugins.ufl_programs.program import Program
 
 TRIAL, START, LOCAL, AFTER, SLOPES, REST, REST_SLOPES = range(7)
 """Parts of the program of a law: whether there is something to solve for; first iterate; residual

@@ -24,7 +24,7 @@ def _of_one_shape(full: FullModel, recipe: object) -> bool:
 
 PLUGIN = Plugin(
     name="moduli",
-    needs=("differences", "elasticity"),
+    needs=("exact_errors", "elasticity"),
     optional=("one_call",),
     classes={
         f"{_HERE}.varying_bound": "PartEnergy VaryingBound",

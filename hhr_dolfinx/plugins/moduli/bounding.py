@@ -18,7 +18,7 @@ from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.models.bound import Bounding
 from hhr_dolfinx.models.full import FullModel
-from hhr_dolfinx.plugins.differences.offline import check_hypotheses
+from hhr_dolfinx.plugins.exact_errors.offline import check_hypotheses
 from hhr_dolfinx.plugins.moduli.components import (
     Component,
     ComponentSolver,

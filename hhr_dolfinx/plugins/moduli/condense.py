@@ -31,7 +31,7 @@ from hhr_dolfinx.models.eliminations.block import BlockElimination
 from hhr_dolfinx.models.estimates import NOT_ASKED, warn_unbounded
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses, LinearStarts
-from hhr_dolfinx.plugins.differences.offline import singular_along
+from hhr_dolfinx.plugins.exact_errors.offline import singular_along
 from hhr_dolfinx.plugins.moduli.bounding import between, varying_bound
 from hhr_dolfinx.plugins.moduli.components import (
     ComponentSolver,

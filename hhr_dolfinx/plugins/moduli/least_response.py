@@ -24,7 +24,7 @@ from scipy.linalg import cholesky, eigh, eigvalsh
 from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
-from hhr_dolfinx.plugins.differences.contact_response import ContactResponse
+from hhr_dolfinx.plugins.exact_errors.contact_response import ContactResponse
 from hhr_dolfinx.plugins.moduli.interpolated import Compliance, Compliances, ManyContacts
 
 LOG_WEIGHT_STEP = math.log(1.1)

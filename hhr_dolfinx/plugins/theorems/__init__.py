@@ -4,7 +4,7 @@ from hhr_dolfinx.registry import Plugin, Stage
 
 PLUGIN = Plugin(
     name="theorems",
-    needs=("differences",),
+    needs=("exact_errors",),
     stages=(
         Stage(
             "hhr_dolfinx.plugins.theorems.full_constants:measure",

@@ -19,7 +19,7 @@ from hhr_dolfinx.errors import BoundError, ReductionError
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.plugins.differences.offline import check_hypotheses
+from hhr_dolfinx.plugins.exact_errors.offline import check_hypotheses
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity
 from hhr_dolfinx.plugins.theorems.rid_norms import Directions, Norms
 

@@ -391,7 +391,7 @@ def test_values_of_equations_act_as_imposed_displacements(young):
         assert answer.outputs()["energy"] == pytest.approx(exact.outputs()["energy"], rel=1e-6)
 
 
-@needs("stress", "moduli", "differences")
+@needs("stress", "moduli", "exact_errors")
 @pytest.mark.parametrize("young", [100.0, "E"])
 def test_relative_estimates_are_over_the_energy_of_the_exact_answer(young):
     """|u|_K is twice the elastic energy, rooted, also of what values of equations strain."""

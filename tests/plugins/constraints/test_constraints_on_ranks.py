@@ -125,7 +125,7 @@ def found(tmp_path_factory):
     return on
 
 
-@needs("nonmatching", "moduli", "places", "stress", "second_order")
+@needs("nonmatching", "moduli", "nodal_loads", "stress", "second_order")
 @pytest.mark.parametrize("ranks", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_ranks_do_not_change_constrained_answers(found, ranks):
     """Round-off only: 1e-10, as factors order their sums in another way.
@@ -194,7 +194,7 @@ if comm.rank == 0:
 """
 
 
-@needs("differences", "fallback", "ranks")
+@needs("exact_errors", "fallback", "ranks")
 def test_energies_are_those_of_all_ranks(tmp_path):
     """Estimates are the errors by K of the same mesh without the equation, alike on all ranks, and
     none waits.

@@ -175,7 +175,7 @@ SPRING = 500.0
 """Stiffness of the springs, force per length."""
 
 
-@needs("inelastic", "places")
+@needs("inelastic", "nodal_loads")
 @pytest.mark.filterwarnings("ignore")
 def test_a_preloaded_bolt_relaxes(tmp_path):
     """In series with a spring: (1/E + A/(k L)) σ' = -(σ/K)^n, by the implicit Euler method and,
@@ -200,7 +200,7 @@ def test_a_preloaded_bolt_relaxes(tmp_path):
         close(model.march(path, TIGHT), exact, 1e-6)
 
 
-@needs("inelastic", "places")
+@needs("inelastic", "nodal_loads")
 @pytest.mark.filterwarnings("ignore")
 def test_a_bolt_that_yields_and_a_force_in_it(tmp_path):
     """The shortening is that of bar and spring with hardening.
@@ -226,7 +226,7 @@ def test_a_bolt_that_yields_and_a_force_in_it(tmp_path):
     assert last.outputs()["head"] == pytest.approx(-4.0 / SPRING, rel=1e-7)
 
 
-@needs("inelastic", "places")
+@needs("inelastic", "nodal_loads")
 def test_an_equation_is_a_displacement():
     """Of a lid of a body that yields, imposed as an equation of each of its nodes or as a
     displacement.

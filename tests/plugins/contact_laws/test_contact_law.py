@@ -251,7 +251,7 @@ def fields(full, path):
 
 
 REFUSING = [
-    pytest.param(fields, "not built in", marks=needs("checks")),
+    pytest.param(fields, "not built in", marks=needs("plots")),
     pytest.param(OF_PLUGINS["studies"], "remember their path", marks=needs("studies")),
     pytest.param(
         deck, r"a deck of contacts with wear .* it has no facet 'deck'", marks=needs("exporters")

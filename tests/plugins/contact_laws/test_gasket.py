@@ -237,7 +237,7 @@ def fields(full, path):
 
 
 REFUSING = [
-    pytest.param(fields, "no facet 'report'", marks=needs("checks")),
+    pytest.param(fields, "no facet 'report'", marks=needs("plots")),
     pytest.param(OF_PLUGINS["studies"], "remember their path", marks=needs("studies")),
     pytest.param(
         deck, r"a deck of contacts with gasket .* it has no facet 'deck'", marks=needs("exporters")

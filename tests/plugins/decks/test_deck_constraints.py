@@ -261,7 +261,7 @@ def test_nodes_beyond_the_tolerance_of_a_tie_are_named(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:body LID .* which no contact resists")
-@needs("floating", "checks")
+@needs("floating", "scene_checks")
 def test_contact_alone_holds_a_lid(tmp_path, monkeypatch):
     """A lid is pressed on tied cubes, which the tie holds: forces are those of the pressure, and it
     has no springs.
@@ -291,7 +291,7 @@ def test_contact_alone_holds_a_lid(tmp_path, monkeypatch):
     assert solved(scene, 1.0)[1].forces().sum() == pytest.approx(10.0 - 1e-4 * 0.02, rel=1e-6)
 
 
-@needs("floating", "checks")
+@needs("floating", "scene_checks")
 def test_contact_alone_holds_a_jack_that_a_force_opens(tmp_path, monkeypatch):
     """A column of unit area is cut, and a force of 4 presses its lower half on the cube: the
     contact bears it.
@@ -465,8 +465,8 @@ def test_check_knows_the_places_of_constraints(tmp_path):
     """Numbers of components are no numbers of surfaces, and places stand in terms of equations
     too.
     """
-    from hhr_dolfinx.plugins.checks.check import check_scene
-    from hhr_dolfinx.plugins.checks.findings import NOTE
+    from hhr_dolfinx.plugins.scene_checks.check import check_scene
+    from hhr_dolfinx.plugins.scene_checks.findings import NOTE
 
     (tmp_path / "bar.inp").write_text(bar(""))
     plain = hhr.Scene(

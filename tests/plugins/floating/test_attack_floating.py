@@ -20,7 +20,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import NotSolvableError, SceneWarning, StabilityWarning, UndeterminedWarning
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import side, two_blocks
-from hhr_dolfinx.plugins.differences.offline import field_response
+from hhr_dolfinx.plugins.exact_errors.offline import field_response
 from hhr_dolfinx.reduction.exact import exact_condensation
 
 FLOOR = hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.0)
@@ -192,7 +192,7 @@ def test_without_loads_nothing_touches():
     assert np.ptp(heated.displacement().reshape(-1, 2)[:, 0]) == pytest.approx(1e-3 * 1.3, rel=1e-9)
 
 
-@needs("fallback", "local", "nonmatching")
+@needs("fallback", "local_models", "nonmatching")
 @pytest.mark.parametrize("how", ["node to surface", pytest.param("mortar", marks=needs("mortar"))])
 def test_small_models_of_a_stack(how, tmp_path):
     contacts = (

@@ -65,7 +65,7 @@ def on_springs(made, stiffness):
     return replace(made, loads=(*made.loads, *springs))
 
 
-@needs("places")
+@needs("nodal_loads")
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("which", [HELD, LOOSE, BOTH], ids=["held", "loose", "both"])
 def test_histories_are_the_limit_of_weak_springs(law, which):
@@ -102,7 +102,7 @@ def test_histories_are_the_limit_of_weak_springs(law, which):
             assert np.abs(read(answer) - limit).max() < 1e-8 * np.abs(limit).max()
 
 
-@needs("friction", "places")
+@needs("friction", "nodal_loads")
 def test_friction_of_flowing_bodies_is_the_limit_of_weak_springs():
     """Tangential forces hold the third motion.
 
@@ -159,7 +159,7 @@ def _height():
     return float(full.problem.contact_points[:, 1].mean())
 
 
-@needs("places")
+@needs("nodal_loads")
 @pytest.mark.parametrize("law", LAWS)
 def test_a_loose_block_flows_under_a_pressure_as_one_that_is_held(law):
     """All of it is pressed alike: supports of its side are the floor, and each force is the

@@ -50,7 +50,7 @@ def far(one, other, name):
     return max(np.abs(a - b).max() for a, b in pairs) / max(np.abs(b).max() for _, b in pairs)
 
 
-@needs("places")
+@needs("nodal_loads")
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("which", [HELD, LOOSE, BOTH], ids=["held", "loose", "both"])
 def test_histories_of_the_training_are_those_of_the_full_model(law, which, tmp_path):
@@ -87,7 +87,7 @@ def test_histories_of_the_training_are_those_of_the_full_model(law, which, tmp_p
             assert answer.displacement().tobytes() == other.displacement().tobytes()
 
 
-@needs("places")
+@needs("nodal_loads")
 @pytest.mark.parametrize("law", LAWS)
 def test_the_mesh_is_in_balance(law):
     """What the model hands out is put on the mesh, and balances there without any model of it.
@@ -115,7 +115,7 @@ def test_the_mesh_is_in_balance(law):
         state = update.state
 
 
-@needs("places")
+@needs("nodal_loads")
 @pytest.mark.parametrize("law", LAWS)
 def test_a_loose_block_flows_under_a_pressure(law):
     """By hand: the stress is -p across and zero along, and each node of the side on the floor bears

@@ -252,7 +252,7 @@ def test_imposed_motions_of_a_block_with_a_modulus(own):
     assert np.abs(found - ours.forces()).max() <= 1e-9 * ours.forces().max()
 
 
-@needs("checks")
+@needs("plots")
 def test_a_picture_has_the_surface_and_the_pressure(tmp_path):
     """K knows no stress: bodies have the colours of the displacement."""
     pytest.importorskip("pyvista")

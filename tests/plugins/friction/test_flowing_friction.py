@@ -150,7 +150,7 @@ def condensed(training):
 @pytest.mark.parametrize(
     ("kind", "count", "off", "off_in_work"),
     [
-        pytest.param("model", 3, 0.02, 0.01, marks=needs("differences")),
+        pytest.param("model", 3, 0.02, 0.01, marks=needs("exact_errors")),
         ("condensed", 4, 0.003, 0.005),
     ],
 )
@@ -301,7 +301,7 @@ def test_what_slides_far_is_told_of():
     assert len([item for item in caught if item.category is FarSlidingWarning]) == 1
 
 
-@needs("differences", "local")
+@needs("exact_errors", "local_models")
 def test_what_is_not_built_in_is_refused_by_name(training, model, condensed):
     path = paths(1, 37, model.parameters)[0]
     for one in (training.full_order, model, condensed):

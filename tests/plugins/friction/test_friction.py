@@ -573,7 +573,7 @@ def test_bad_friction_is_refused_at_the_door(friction):
         rubbing(friction)
 
 
-@needs("checks", "tables")
+@needs("plots", "tables")
 def test_the_command_knows_friction(tmp_path):
     """check, train --model condensed, answer and solve of a scene in a file.
 
@@ -716,7 +716,7 @@ def test_friction_counts_where_both_sides_are_imposed(dimension, tmp_path):
     assert 0 < full.coupling((0.03, 0.1)) < np.inf, "what acts on no unknown has no part in it"
     exact = [full, hhr.condense(scene)]
     models = list(exact)
-    if dimension == 2 and present("differences"):
+    if dimension == 2 and present("exact_errors"):
         training = [
             [(t, (0.03 * p, s * x)) for t, (p, x) in path] for p in (0.5, 1.0) for s in (1.0, 0.8)
         ]

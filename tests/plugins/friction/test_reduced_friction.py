@@ -27,7 +27,7 @@ from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import StageLog
 
-pytestmark = needs("differences")
+pytestmark = needs("exact_errors")
 OUTPUTS = (
     hhr.ContactForce("normal", 0, (0.0, 1.0)),
     hhr.ContactForce("shear", 0, (1.0, 0.0)),

@@ -25,7 +25,7 @@ from hhr_dolfinx.plain import as_plain
 from hhr_dolfinx.plugins.inelastic.law import NUMBER, TENSOR, InternalVariables, Law, program_of
 from hhr_dolfinx.plugins.inelastic.local_solver import LOCAL, START, TRIAL
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
-from hhr_dolfinx.plugins.programs.machine import evaluated
+from hhr_dolfinx.plugins.ufl_programs.machine import evaluated
 from hhr_dolfinx.testing import check_law
 
 
@@ -672,8 +672,9 @@ def test_laws_are_data_that_need_neither_ufl_nor_dolfinx(tmp_path):
         "'mpi4py')))\nimport json, numpy as np\nfrom hhr_dolfinx.plain import restored\nfrom "
         "hhr_dolfinx.plugins.inelastic.law import LawProgram\nfrom "
         "hhr_dolfinx.plugins.inelastic.law import InternalVariables as State\nfrom "
-        "hhr_dolfinx.plugins.programs.program import Program\nwith np.load(sys.argv[1]) as found: "
-        "arrays = {name.replace('|', '/'): found[name] for name in found}\nlaw = "
+        "hhr_dolfinx.plugins.ufl_programs.program import Program\n"
+        "with np.load(sys.argv[1]) as found:\n"
+        "    arrays = {name.replace('|', '/'): found[name] for name in found}\nlaw = "
         "restored(json.loads(sys.argv[2]), arrays, {'LawProgram': LawProgram, 'Program': "
         "Program})\nrest = State(np.zeros((1, 6)), np.zeros(1), np.zeros((1, 12)))\nstrain = "
         "np.array([[4e-3, -1e-3, 0, 1e-3, 0, 0]])\nprint(repr(law.update(strain, rest, 1.0, "

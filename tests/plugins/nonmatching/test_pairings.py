@@ -227,12 +227,12 @@ def test_a_constant_pressure_passes_between_whole_outsides(pairing, dim, simplic
     assert dict(answer.outputs()) == pytest.approx({"pressure": 10.0, "force": 10.0}, abs=1e-8)
 
 
-@needs("checks", "mortar")
+@needs("plots", "mortar")
 def test_a_check_says_how_much_of_a_surface_faces_nothing():
     """Three sides of a square of 4 by 2 cells have 9 nodes, 5 of them on the side that faces the
     other one.
     """
-    from hhr_dolfinx.plugins.checks.check import check_scene
+    from hhr_dolfinx.plugins.scene_checks.check import check_scene
 
     told = str(check_scene(pressed_squares(hhr.Mortar, 2)).findings)
     assert "5 conditions" in told and "4 of 9 nodes of 2 face nothing" in told

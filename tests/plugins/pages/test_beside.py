@@ -85,7 +85,7 @@ def test_pressures_of_a_uniform_strip(kept):
     np.testing.assert_allclose(answer.pressure(), 3.0 / 0.91 * 0.04 / 2, rtol=1e-9)
 
 
-@needs("checks", "floating", "shared_nodes")
+@needs("plots", "floating", "shared_nodes")
 @pytest.mark.parametrize("name", SCENES)
 def test_fields_are_those_of_the_mesh(name, kept, tmp_path):
     """Written by the full model, whose VTK mesh is that of DOLFINx."""
@@ -123,7 +123,7 @@ def drawn(figure):
     ]
 
 
-@needs("checks", "floating", "shared_nodes")
+@needs("plots", "floating", "shared_nodes")
 @pytest.mark.parametrize(
     "name", ["quadrilaterals", "triangles", "round", "hexahedra", "a node of two contacts"]
 )
@@ -141,7 +141,7 @@ def test_figures_are_those_of_the_mesh(name, kept, tmp_path):
         np.testing.assert_allclose(one, two, rtol=1e-9, atol=1e-9 * np.abs(two).max(initial=0.0))
 
 
-@needs("checks")
+@needs("plots")
 def test_a_hyper_reduced_model_in_a_file_has_them_too(tmp_path):
     training = hhr.train(pressed_block("plane_strain"), [4], held_out=0, comm=MPI.COMM_SELF)
     model = training.build(checked=False)
@@ -154,7 +154,7 @@ def test_a_hyper_reduced_model_in_a_file_has_them_too(tmp_path):
     assert right[1] == other[1] and all(map(np.allclose, right[0], other[0]))
 
 
-@needs("checks", "friction")
+@needs("plots", "friction")
 def test_with_friction_pressures_are_those_of_normals(kept, tmp_path):
     full = hhr.FullOrderModel(driven(), MPI.COMM_SELF)
     model = hhr.condense(full, fields=True)
@@ -171,7 +171,7 @@ def test_with_friction_pressures_are_those_of_normals(kept, tmp_path):
     )
 
 
-@needs("checks")
+@needs("plots")
 def test_without_the_scenery_one_sentence_says_what_to_do(kept, tmp_path, monkeypatch):
     model = tmp_path / "alone.npz"
     model.write_bytes(kept("quadrilaterals")[1].read_bytes())
@@ -198,7 +198,7 @@ def test_without_the_scenery_one_sentence_says_what_to_do(kept, tmp_path, monkey
     np.testing.assert_array_equal(answer.pressure(), answer.pressure(full))
 
 
-@needs("checks", "floating")
+@needs("plots", "floating")
 def test_other_sceneries_are_refused(kept, tmp_path):
     """Of an earlier release, of shapes that vary, of another mesh, and a damaged one."""
     full, file = kept("quadrilaterals")
@@ -255,7 +255,7 @@ hhr.write_fields(sys.argv[2] + "/answer.vtu", model, answer)
 """
 
 
-@needs("checks")
+@needs("plots")
 def test_another_process_has_them_without_dolfinx(kept, tmp_path):
     pytest.importorskip("pyvista"), pytest.importorskip("matplotlib")
     full, file = kept("quadrilaterals")
@@ -264,7 +264,7 @@ def test_another_process_has_them_without_dolfinx(kept, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"answer.png", "answer.vtu"}
 
 
-@needs("checks")
+@needs("plots")
 def test_the_command_writes_fields_of_a_model_in_a_file(tmp_path):
     pyvista = pytest.importorskip("pyvista")
     full = hhr.FullOrderModel(your_scene.scene(), MPI.COMM_SELF)
@@ -307,7 +307,7 @@ def test_without_a_reader_of_scenery_models_have_no_mesh(kept, monkeypatch):
         match=r"a model that was copied or read from a file has no mesh, and pressures",
     ):
         hhr.load_model(file).solve(0.05).pressure()
-    if present("checks"):
+    if present("plots"):
         code, output = invoke("solve", file, "--at", "push=0.05", "--out", file.with_name("a.vtu"))
         assert (
             code == 2

@@ -238,7 +238,7 @@ def marked(*names):
     marks["space"].append(needs("mortar", "shapes", "volume_loads"))
     marks["shape"].append(needs("shapes"))
     marks["moving tool"] = [needs("obstacles")]
-    marks["bed"] = [needs("places")]
+    marks["bed"] = [needs("nodal_loads")]
     marks |= {
         "sphere": [needs("mortar")],
         "heat": [needs("volume_loads")],
@@ -501,7 +501,7 @@ def test_a_name_is_no_marker_and_ends_no_script():
         pytest.param(
             lambda trained: trained.local(hhr.Clusters(2), recipe=contract.AS_IT_IS),
             "LocalModels",
-            marks=needs("local"),
+            marks=needs("local_models"),
         ),
     ],
 )

@@ -104,7 +104,7 @@ def test_solve_refers_to_the_paths(scene):
     assert f"one step from rest: hhr march {scene} follows" in " ".join(output.split())
 
 
-@needs("checks", "friction")
+@needs("plots", "friction")
 def test_fields_of_all_steps(scene, tmp_path):
     """A file for each step, which ParaView opens as one."""
     assert invoke("march", scene, "--out", tmp_path / "fields.vtu")[0] == 0
@@ -112,7 +112,7 @@ def test_fields_of_all_steps(scene, tmp_path):
     assert (tmp_path / "fields.pvd").is_file()
 
 
-@needs("checks", "friction")
+@needs("plots", "friction")
 def test_steps_in_vtkhdf_are_a_series(scene, tmp_path):
     """ParaView's reader of .pvd knows XML files alone."""
     code, output = invoke("march", scene, "--out", tmp_path / "fields.vtkhdf")

@@ -217,7 +217,7 @@ def test_models_of_ranks_are_those_of_one(found, ranks, name):
         assert several == pytest.approx(one, rel=1e-8), kind
 
 
-@needs("differences")
+@needs("exact_errors")
 @pytest.mark.parametrize("ranks", [1, 2, THREE])
 def test_bounds_of_ranks_hold(found, ranks):
     """Where moduli vary that of the displacement is a difference of energies, which leaves half of

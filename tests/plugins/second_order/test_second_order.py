@@ -67,7 +67,7 @@ def test_forces_on_tetrahedra_are_four_times_as_good_with_as_many_unknowns():
     assert errors[1] < 0.004 and errors[0] > 4 * errors[1]
 
 
-@needs("checks")
+@needs("plots")
 @pytest.mark.parametrize(
     ("cells", "order", "stress", "peak"), [(6, 1, 0.252, 0.068), (6, 2, 0.045, 0.024)]
 )
@@ -84,14 +84,14 @@ def test_the_error_of_the_mesh_is_estimated(cells, order, stress, peak):
     assert np.isnan(away.peak_pressure)
 
 
-@needs("checks")
+@needs("plots")
 def test_no_error_where_the_mesh_leaves_nothing_out():
     """A constant stress: recovered it is what it was."""
     full = hhr.FullOrderModel(pressed(2, True, "node to node"), MPI.COMM_SELF)
     assert max(hhr.mesh_error(full, full.solve({"p": 0.5}))) < 1e-6
 
 
-@needs("checks")
+@needs("plots")
 def test_a_check_says_the_order_and_the_error_of_the_mesh(tmp_path):
     (tmp_path / "scene.py").write_text(
         "import sys\nfrom dataclasses import replace\nimport hertz_half_discs as demo\n"
@@ -114,7 +114,7 @@ def training():
     return hhr.train(second(contract.blocks()), hhr.Sobol(24), held_out=20, comm=MPI.COMM_SELF)
 
 
-@needs("differences")
+@needs("exact_errors")
 def test_reduced_models_are_as_good_as_of_first_order(training):
     """Condensation is exact; bounds hold and are those of the error.
 
@@ -133,11 +133,11 @@ def test_reduced_models_are_as_good_as_of_first_order(training):
         assert found.outputs()["force"] == pytest.approx(exact.outputs()["force"], rel=0.01)
 
 
-@needs("checks")
+@needs("plots")
 def test_pictures(training, tmp_path):
     import pyvista
 
-    from hhr_dolfinx.plugins.checks.fields import write_fields
+    from hhr_dolfinx.plugins.plots.fields import write_fields
 
     full = training.full_order
     answer = full.solve(full.parameters.middle)
@@ -316,7 +316,7 @@ def test_a_coarse_slave_is_told_to_take_mortar():
         hhr.FullOrderModel(dataclasses.replace(nested, order=2), MPI.COMM_SELF)
 
 
-@needs("checks", "floating")
+@needs("plots", "floating")
 def test_the_error_of_the_mesh_is_that_of_an_answer_of_its_scene():
     full = hhr.FullOrderModel(pressed(2, False, "node to node"), MPI.COMM_SELF)
     other = hhr.FullOrderModel(pressed(2, False, "node to node", order=1), MPI.COMM_SELF).solve(

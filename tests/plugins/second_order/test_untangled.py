@@ -459,7 +459,7 @@ def test_a_hole_of_a_cad_kernel(ending, how, tmp_path):
         assert 0.1 < (area - exact) / (8 * 2 / 3 * chord * height) < 0.7
 
 
-@needs("decks", "checks")
+@needs("decks", "scene_checks")
 @pytest.mark.parametrize("kind", ["quadrilateral", "tetrahedron"])
 def test_start_writes_it_and_check_names_it(kind, tmp_path):
     """A folded deck runs without an edit; its mesh alone is said to be folded."""

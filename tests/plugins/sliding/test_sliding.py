@@ -266,7 +266,7 @@ def test_pressures_are_those_of_the_slave_nodes(smooth):
     assert pressed @ smooth.law.area == pytest.approx(answer.outputs()["pressed"], rel=0.01)
 
 
-@needs("checks", "tables")
+@needs("plots", "tables")
 def test_what_tables_and_fields_say_of_sliding(rough, tmp_path):
     """The whole force of a table is that of the pressures of slave nodes.
 

@@ -40,7 +40,7 @@ def rods(**others):
     return block_scene("rod", box, upper=(1.0, 2.0), **given | others)
 
 
-@needs("places", "moduli")
+@needs("nodal_loads", "moduli")
 def test_a_rod_in_series_with_a_spring():
     """The stress is (down + ground) / (2 / E + 1 / k), and the energy of the rod its square over E.
 
@@ -81,7 +81,7 @@ def stored(scene, answer):
     return field @ (hhr.FullOrderModel(bare).problem.stiffness @ field) / 2
 
 
-@needs("places")
+@needs("nodal_loads")
 def test_springs_have_no_part_in_it():
     """Beside K of the bodies alone; condensed and hyper-reduced.
 
@@ -101,7 +101,7 @@ def test_springs_have_no_part_in_it():
             assert outputs.gradient["energy"] == pytest.approx(slopes, rel=1e-5)
 
 
-@needs("places")
+@needs("nodal_loads")
 def test_springs_in_a_reduced_model_and_its_file(tmp_path):
     """As good as its forces and displacement, thousandths here, and with the same bits from a
     file.

@@ -26,7 +26,7 @@ from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
 from hhr_dolfinx.models.estimates import ESTIMATE_NUMBERS, Estimate
 
-pytestmark = needs("constraints", "places")
+pytestmark = needs("constraints", "nodal_loads")
 
 SWITCHES = (
     "bedding",
@@ -443,7 +443,7 @@ class Upright(Parted):
         self.mass.data[self.mass.indices % 2 != 1] = 0.0
 
 
-@needs("floating", "moduli", "differences")
+@needs("floating", "moduli", "exact_errors")
 @pytest.mark.filterwarnings("ignore")
 def test_a_kernel_that_the_system_leaves_has_no_bound_and_says_so():
     """It was said to be held by contact alone, and the foundation holds it.

@@ -1,9 +1,0 @@
-"""Formulas in UFL as straight-line programs: numbers in a file, evaluated without UFL and
-DOLFINx.
-"""
-
-from hhr_dolfinx.registry import Plugin
-
-_PROGRAM = "hhr_dolfinx.plugins.programs.program"
-
-PLUGIN = Plugin(name="programs", classes={_PROGRAM: "Program"})

@@ -1,0 +1,9 @@
+"""Formulas in UFL as straight-line programs: numbers in a file, evaluated without UFL and
+DOLFINx.
+"""
+
+from hhr_dolfinx.registry import Plugin
+
+_PROGRAM = "hhr_dolfinx.plugins.ufl_programs.program"
+
+PLUGIN = Plugin(name="ufl_programs", classes={_PROGRAM: "Program"})
