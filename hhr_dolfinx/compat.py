@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from functools import lru_cache
 from pathlib import Path
+from types import CodeType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from hhr_dolfinx import solver_first
@@ -471,12 +472,37 @@ def compiled(
         for cache in (nullcontext, _private_cache):
             try:
                 with cache():
-                    return njit(cache=True, **options)(function)
+                    return _stamped(njit(cache=True, **options)(function))
             except RuntimeError:
                 continue
         return njit(**options)(function)
 
     return decorate
+
+
+_STAMPS: dict[Callable, frozenset[tuple[str, int, int]]] = {}
+"""For each compiled function the files, with time and size, of it and of what it calls."""
+
+
+def _stamped(dispatcher: Any) -> Any:
+    """Compile anew also where a compiled function that this one calls has changed.
+
+    numba looks at the file of the function alone, and its cache keeps the code of what it calls.
+    """
+    function = dispatcher.py_func
+    codes = [function.__code__]
+    for code in codes:  # grows: functions within functions
+        codes += [part for part in code.co_consts if isinstance(part, CodeType)]
+    named = {name for code in codes for name in code.co_names}
+    called = [function.__globals__.get(name) for name in named]
+    status = Path(function.__code__.co_filename).stat()
+    own = (function.__code__.co_filename, status.st_mtime_ns, status.st_size)
+    stamps = [_STAMPS.get(getattr(other, "py_func", None), frozenset()) for other in called]
+    _STAMPS[function] = frozenset([own]).union(*stamps)
+    file = getattr(dispatcher._cache, "_cache_file", None)
+    if hasattr(file, "_source_stamp"):  # else as numba has it
+        file._source_stamp = (file._source_stamp, sorted(_STAMPS[function]))
+    return dispatcher
 
 
 def require_numba() -> None:

@@ -24,6 +24,8 @@ trap 'exit 1' HUP INT TERM
 
 echo "the checkout beside $(git log -1 --format='%h %s' "$base")" >&2
 git worktree add --quiet --detach "$folder/base" "$base"
+# plug-ins of the base by its own names
+(cd "$folder/base" && "$python" setup.py -q egg_info)
 PYTHONPATH=$folder/base "$python" scripts/same.py dump "$folder/base.npz" --only "${ONLY:-*}"
 PYTHONPATH=$root "$python" scripts/same.py dump "$folder/checkout.npz" --only "${ONLY:-*}"
 "$python" scripts/same.py compare "$folder/base.npz" "$folder/checkout.npz" ${allow:+--allow "$allow"}

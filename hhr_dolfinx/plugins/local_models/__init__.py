@@ -5,7 +5,7 @@ one.
 from hhr_dolfinx.registry import Plugin, Way
 
 PLUGIN = Plugin(
-    name="local",
+    name="local_models",
     optional=("one_call",),
     public={
         "hhr_dolfinx.plugins.local_models.models": "LocalModels",
