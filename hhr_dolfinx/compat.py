@@ -494,12 +494,13 @@ def _stamped(dispatcher: Any) -> Any:
     for code in codes:  # grows: functions within functions
         codes += [part for part in code.co_consts if isinstance(part, CodeType)]
     named = {name for code in codes for name in code.co_names}
-    called = [function.__globals__.get(name) for name in named]
+    called: list[Any] = [function.__globals__.get(name) for name in named]
     status = Path(function.__code__.co_filename).stat()
     own = (function.__code__.co_filename, status.st_mtime_ns, status.st_size)
-    stamps = [_STAMPS.get(getattr(other, "py_func", None), frozenset()) for other in called]
+    compiled_ones = [other.py_func for other in called if hasattr(other, "py_func")]
+    stamps = [_STAMPS.get(other, frozenset()) for other in compiled_ones]
     _STAMPS[function] = frozenset([own]).union(*stamps)
-    file = getattr(dispatcher._cache, "_cache_file", None)
+    file: Any = getattr(dispatcher._cache, "_cache_file", None)
     if hasattr(file, "_source_stamp"):  # else as numba has it
         file._source_stamp = (file._source_stamp, sorted(_STAMPS[function]))
     return dispatcher
