@@ -263,7 +263,7 @@ def naive(full: hhr.FullOrderModel) -> Any:
 OF_PLUGINS = {
     "sliding past the mesh": ("sliding", "friction"),
     "naive": ("baselines",),
-    "local models": ("local",),
+    "local models": ("local_models",),
     "fallback": ("fallback",),
     "in a fallback": ("fallback",),
     "in a table": ("tables",),
@@ -272,7 +272,7 @@ OF_PLUGINS = {
 """Kinds and places that plug-ins add, which may have been deleted."""
 BY_WORD = {
     "friction": "friction",
-    "HHR, friction": "differences",
+    "HHR, friction": "exact_errors",
     "flowing": "inelastic",
     "moduli": "moduli",
     "interpolated": "moduli",

@@ -43,6 +43,35 @@ class _Fit(NamedTuple):
     open_gap: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class _OfAnswer:
+    """What several methods of a reconstruction need of one answer, each computed once."""
+
+    fields: Reconstruction
+    answer: Answer
+
+    @cached_property
+    def theta(self) -> np.ndarray:
+        """θ, (1 + T,)."""
+        return self.fields.amplitudes(self.answer.parameter)
+
+    @cached_property
+    def bound(self) -> BoundThere:
+        """The bound at the parameter."""
+        assert self.fields.bound is not None
+        return self.fields.bound.at(self.answer.parameter[None], self.theta)
+
+    @cached_property
+    def completed(self) -> np.ndarray:
+        """Forces on all conditions by S, (1, N_lambda)."""
+        return self.bound.completed(self.answer.multipliers[None], self.fields._outside)
+
+    @cached_property
+    def fitted(self) -> _Fit:
+        """The fit of (1.70)."""
+        return self.fields._fitted(self)
+
+
 @dataclass(frozen=True)
 class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     """Fields on the whole mesh and contact forces on the whole contact surface.
@@ -122,9 +151,16 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         """
         if self.response is None or not answer.converged:
             return answer.unknown if self.response is None else np.full(self.basis.shape[1], np.nan)
-        bound_at = self._bound_at(answer)
-        forces = bound_at.completed(answer.multipliers[None], self._outside)[0]
-        return self._responding.coordinates(answer, bound_at, forces)
+        of_answer = self._of(answer)
+        return self._responding.coordinates(answer, of_answer.bound, of_answer.completed[0])
+
+    def _of(self, answer: Answer) -> _OfAnswer:
+        """Quantities of an answer, those of the last one again."""
+        last: _OfAnswer | None = vars(self).get("_last")
+        if last is None or last.answer is not answer:
+            last = _OfAnswer(self, answer)
+            vars(self)["_last"] = last  # as a whole, so that threads do not mix two answers
+        return last
 
     @cached_property
     def _responding(self) -> ResponseWithin:
@@ -161,9 +197,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         """
         field = self.basis @ self._coordinates(answer)
         if self.response is not None:
-            field += self.response.loaded @ (
-                self.response.loading @ self.amplitudes(answer.parameter)
-            )
+            field += self.response.loaded @ (self.response.loading @ self._of(answer).theta)
         lifted, columns = self._lifted
         if lifted.size:
             field += columns @ self.amplitudes.dense(answer.parameter)[lifted]
@@ -182,26 +216,21 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         if self.interface is not None:
             return self.interface.forces(answer.multipliers, answer.parameter)
         if self.force_snapshots is None:
-            return self._bound_at(answer).completed(answer.multipliers[None], self._outside)[0]
-        forces = self.force_snapshots @ self._fitted(answer).weights
+            return self._of(answer).completed[0].copy()  # the caller may change it
+        forces = self.force_snapshots @ self._of(answer).fitted.weights
         forces[self.A_lambda] = answer.multipliers
         return forces
 
-    def _bound_at(self, answer: Answer) -> BoundThere:
-        """The bound at the parameter of an answer."""
-        assert self.bound is not None
-        return self.bound.at(answer.parameter[None], self.amplitudes(answer.parameter))
-
-    def _fitted(self, answer: Answer) -> _Fit:
+    def _fitted(self, of_answer: _OfAnswer) -> _Fit:
         """The fit of (1.70)."""
         from scipy.optimize import (
             nnls,
         )  # imported here: loading a model is faster without, and few answers need it
 
+        answer = of_answer.answer
         outer, fitted, penalised = self._parts
-        theta = self.amplitudes(answer.parameter)
         gaps, contact_basis = self._surface(answer.parameter)
-        slack = gaps[outer] @ theta - contact_basis[outer] @ answer.unknown
+        slack = gaps[outer] @ of_answer.theta - contact_basis[outer] @ answer.unknown
         open_gap = np.maximum(slack, 0.0) / self.gap_scale[outer]
         matrix = np.vstack([fitted, open_gap[:, None] * penalised])
         target = np.concatenate([answer.multipliers, np.zeros(open_gap.size)])
@@ -231,13 +260,12 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
                 answer.multipliers, gradient.multipliers, answer.parameter
             )
         if self.force_snapshots is None:
-            bound_at = self._bound_at(answer)
-            inner = answer.multipliers[None]
-            return bound_at.force_changes(
-                bound_at.completed(inner, self._outside)[0], self._outside, gradient, changes
+            of_answer = self._of(answer)
+            return of_answer.bound.force_changes(
+                of_answer.completed[0], self._outside, gradient, changes
             )
         outer, _, penalised = self._parts
-        fit = self._fitted(answer)
+        fit = self._of(answer).fitted
         used = np.flatnonzero(fit.weights)
         slack = self._slack_changes(answer, changes, outer)
         opening = slack * (fit.open_gap > 0)[:, None] / self.gap_scale[outer][:, None]
@@ -275,9 +303,11 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         assert answer.gradient is not None
         if self.response is None:
             return answer.gradient.unknown
-        bound_at = self._bound_at(answer)
         return self._responding.changes(
-            bound_at, self.forces(answer), lambda: self._all_force_changes(answer, changes), changes
+            self._of(answer).bound,
+            self.forces(answer),
+            lambda: self._all_force_changes(answer, changes),
+            changes,
         )
 
     def stress(self, answer: Answer) -> np.ndarray:
@@ -296,14 +326,14 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
             return None
         if self.bound is None:
             return self._indicated(answer)
-        theta = self.amplitudes(answer.parameter)
-        bound_at: Any = self.bound.at(answer.parameter[None], theta)
+        of_answer = self._of(answer)
+        bound_at: Any = of_answer.bound
         if self.force_snapshots is None:
-            forces = bound_at.completed(answer.multipliers[None], self._outside)
+            forces = of_answer.completed
         else:
             forces = np.maximum(self.forces(answer), 0.0)[None]
         unknown = answer.unknown[None]
-        estimate = bound_at.of(unknown, forces, lambda: self._slack(theta, unknown))[0]
+        estimate = bound_at.of(unknown, forces, lambda: self._slack(of_answer.theta, unknown))[0]
         if self.output_bound is None:
             return estimate
         exact = bound_at.exact(forces)
@@ -321,9 +351,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
             (N_lambda,), and memory.
         """
         gaps, contact_basis = self._surface(answer.parameter)
-        slack = (
-            driven(gaps, self.amplitudes(answer.parameter)) - answer.unknown[None] @ contact_basis.T
-        )
+        slack = driven(gaps, self._of(answer).theta) - answer.unknown[None] @ contact_basis.T
         return answer.multipliers, slack[0], self.gap_scale, answer.memory
 
     def estimates(self, many: ManyAnswers) -> Estimates | None:
