@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.sparse import csc_matrix, csr_matrix
 
-from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.memory import Memory
@@ -51,7 +51,7 @@ class _OfAnswer:
     answer: Answer
 
     @cached_property
-    def theta(self) -> np.ndarray:
+    def theta(self) -> Theta:
         """θ, (1 + T,)."""
         return self.fields.amplitudes(self.answer.parameter)
 

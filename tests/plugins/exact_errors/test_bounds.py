@@ -375,3 +375,30 @@ def test_what_is_resolved_of_poisson_s_ratio_is_known(poisson):
     bound = hhr.train(scene, hhr.Sobol(16), held_out=0).build(checked=False).fields.bound
     known = "sin" not in poisson
     assert (bound is not None) == known and (not known or (bound.proved and bound.inexact < 1e-8))
+
+
+def test_an_answer_completes_its_forces_and_finds_the_exact_ones_once(monkeypatch):
+    """Fields, estimate and outputs need both, in any order, and another answer its own."""
+    scene = dataclasses.replace(
+        demo.scene(arc_segments=24, flat_segments=6), outputs=(hhr.LargestPressure("peak", 0),)
+    )
+    model = hhr.train(scene, hhr.Sobol(8), held_out=2).build(recipe=AS_IT_IS)
+    calls = []
+    for owner, name in (
+        (contact_response.Outside, "completed"),
+        (contact_response.ContactResponse, "settled"),
+    ):
+        real = getattr(owner, name)
+        monkeypatch.setattr(
+            owner,
+            name,
+            lambda *given, real=real, name=name: (calls.append(name), real(*given))[1],
+        )
+    first, second = (model.solve([push]) for push in (0.2, 0.4))
+    forces = first.forces()
+    forces[:] = 0.0  # a copy: the answer does not see it
+    found = first.estimate(), first.outputs(), first.displacement(), first.forces()
+    assert calls.count("completed") == 1 and calls.count("settled") == 1
+    assert first.forces().sum() > 0 and found[3].sum() == first.forces().sum()
+    assert second.forces().sum() > 1.5 * first.forces().sum()
+    assert first.estimate() == found[0]
