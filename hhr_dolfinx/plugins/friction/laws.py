@@ -436,15 +436,17 @@ def places_of(some: np.ndarray, conditions: np.ndarray) -> np.ndarray:
 class SlipState(NamedTuple):
     """State of friction (T tangential rows, C contacts)."""
 
-    position: np.ndarray  #: slack of the tangential rows, from which the next increment slips, (T,)
+    #: slack of the tangential rows since rest, also while open, from which the next increment
+    #: slips: minus the relative tangential displacement of the slave, a length, (T,)
+    position: np.ndarray
     #: length that each contact has slipped while closed, or while its law bears a tangential force,
     #: (C,)
     path: np.ndarray
-    work: np.ndarray  #: energy dissipated by friction there, (C,)
-    wear: (
-        np.ndarray
-    )  #: pressure integrated along the slip, (C,): Archard's wear in depth per unit of his constant
-    pressure: np.ndarray  #: current force of its pressure, (C,)
+    work: np.ndarray  #: energy dissipated by friction, force times length, (C,)
+    #: pressure integrated along the slip, stress times length, (C,): depth of wear per unit of the
+    #: constant of Archard's law
+    wear: np.ndarray
+    pressure: np.ndarray  #: current normal force λ, not over its area, (C,)
     bound: np.ndarray  #: current largest tangential force, (C,)
     statuses: np.ndarray  #: 0 open, 1 sticks, 2 slips, (C,)
 
