@@ -217,6 +217,10 @@ class ModelFields:
         """Error estimate of an answer; None if the model has none."""
         return None
 
+    def without_columns(self) -> ModelFields:
+        """Fields without arrays that displacements alone need; the same if there are none."""
+        return self
+
     def estimates(self, many: Any) -> Estimates | None:
         """Error estimates of :class:`~models.many.ManyAnswers`.
 

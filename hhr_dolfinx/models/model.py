@@ -488,6 +488,12 @@ class KeptModel(AnsweringModel):
         """Rebuild the model from a file."""
         return cls(**parts)
 
+    def without_fields(self) -> Self:
+        """Model of forces and outputs alone, whose file is small; itself if it has no arrays that
+        only displacements need.
+        """
+        return self
+
     @property
     def members(self) -> tuple[KeptModel, ...]:
         """Models that answer for this one; itself if there are no others."""
