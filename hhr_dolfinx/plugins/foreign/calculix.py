@@ -54,14 +54,15 @@ def read_superelement(path: Path) -> ForeignMatrix:
     """Superelement of ``*SUBSTRUCTURE MATRIX OUTPUT`` of CalculiX or Abaqus, ``.mtx``.
 
     The file states ``*USER ELEMENT`` with its nodes in comments, then dofs of the first node and of
-    each position where they change, and the lower half of K row by row.
+    each position where they change, and the lower half of K row by row. Nodes of Abaqus that are
+    not positive are retained modes: dofs of the code alone.
 
     Args:
         path: file of text.
 
     Raises:
         FileContentError: for a file without nodes, dofs or a stiffness, or with another number of
-            entries.
+            entries, or with matrices of several elements.
     """
     text = path.read_text(encoding="utf-8", errors="replace")
     head, mark, body = text.partition("*MATRIX")
@@ -69,6 +70,11 @@ def read_superelement(path: Path) -> ForeignMatrix:
     if not mark or "STIFFNESS" not in heading.upper():
         raise FileContentError(
             f"{path} has no *MATRIX, TYPE=STIFFNESS: write it with STIFFNESS=YES"
+        )
+    if (elements := text.upper().count("*USER ELEMENT")) > 1:
+        raise FileContentError(
+            f"{path.name} has matrices of {elements} elements (*ELEMENT MATRIX OUTPUT): write one "
+            "superelement (*SUBSTRUCTURE MATRIX OUTPUT), or the assembled matrix (*MATRIX OUTPUT)"
         )
     nodes, directions = _dofs_of_user_element(head, path)
     numbers = np.array(
@@ -98,7 +104,7 @@ def _dofs_of_user_element(head: str, path: Path) -> tuple[np.ndarray, np.ndarray
     labels: list[int] = []
     changes: dict[int, list[int]] = {}
     for line in lines[start + 1 :]:
-        numbers = [int(word) for word in re.findall(r"\d+", line)]
+        numbers = [int(word) for word in re.findall(r"-?\d+", line)]
         if line.startswith("**"):
             labels += numbers if not re.search(r"[A-Za-z]", line) else []
         elif numbers and not line.startswith("*"):
@@ -110,6 +116,6 @@ def _dofs_of_user_element(head: str, path: Path) -> tuple[np.ndarray, np.ndarray
     directions = changes[1]
     for position, label in enumerate(labels, start=1):
         directions = changes.get(position, directions)
-        dofs += [(label, direction) for direction in directions]
+        dofs += [(label, direction if label > 0 else 0) for direction in directions]
     table = np.array(dofs, dtype=np.int64)
     return table[:, 0], table[:, 1]

@@ -20,7 +20,7 @@ from hhr_dolfinx.plugins.foreign.matrix import ForeignMatrix, symmetric_of_half
 from hhr_dolfinx.plugins.foreign.op4 import read_matrices
 from hhr_dolfinx.plugins.foreign.plain import table_beside
 
-STIFFNESSES = ("KAAX", "KAA", "KGG", "K2GG", "KJJ", "KFF", "KLL")
+STIFFNESSES = ("KAAX", "KAA", "KXX", "KGG", "K2GG", "KJJ", "KFF", "KLL")
 """Names that stiffness matrices usually have."""
 
 
@@ -36,7 +36,10 @@ def read_op4(path: Path, dofs: Path | None = None, name: str = "") -> ForeignMat
         FileContentError: for a damaged file, or one without such a matrix.
     """
     matrices = read_matrices(path)
-    matrix = matrices[_chosen(list(matrices), name, path)]
+    chosen = _chosen(list(matrices), name, path)
+    matrix = matrices[chosen]
+    if np.iscomplexobj(matrix):
+        raise FileContentError(f"{path}: matrix {chosen} is complex: a real one is needed")
     nodes, directions = read_dofs(dofs or table_beside(path))
     return ForeignMatrix(csr_matrix(matrix), nodes, directions, path.name)
 

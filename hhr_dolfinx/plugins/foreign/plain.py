@@ -6,14 +6,15 @@ Ansys writes MatrixMarket (``*EXPORT, MatK, MMF``) and Harwell-Boeing with a map
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from inspect import signature
-from io import StringIO
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
-from scipy.io import hb_read, mmread
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.io import mmread
+from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
 
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.plugins.foreign.dof_table import read_dofs
@@ -21,8 +22,11 @@ from hhr_dolfinx.plugins.foreign.matrix import ForeignMatrix, symmetric_of_half
 
 SPARSE_MATRIX = {"spmatrix": True} if "spmatrix" in signature(mmread).parameters else {}
 """Option of releases of SciPy that also make sparse arrays."""
-SYMMETRIC = ("RSA", "PSA")
-"""Types of Harwell-Boeing files that store one half."""
+HARWELL_BOEING = ("RSA", "RUA", "ISA", "IUA")
+"""Types of Harwell-Boeing files: real or integers, one half (S) or the whole (U)."""
+_WIDTH = re.compile(r"\((?:\d+P,?)?\d*[IEDFG](\d+)", re.IGNORECASE)
+"""Width of the numbers of a format of Fortran."""
+_Read = TypeVar("_Read")
 
 
 def read_matrix_market(path: Path, dofs: Path | None = None) -> ForeignMatrix:
@@ -51,17 +55,47 @@ def read_harwell_boeing(path: Path, dofs: Path | None = None) -> ForeignMatrix:
             beside it.
     """
     nodes, directions = read_dofs(dofs or table_beside(path))
-    lines = path.read_text(encoding="ascii", errors="replace").splitlines(keepends=True)
-    kind = lines[2][:3].upper() if len(lines) > 2 else ""
-    if kind in SYMMETRIC:  # SciPy reads whole matrices alone
-        lines[2] = f"RUA{lines[2][3:]}"
-    entries = coo_matrix(_read(lambda _: hb_read(StringIO("".join(lines)), **SPARSE_MATRIX), path))
+    half, entries = _read(_harwell_boeing, path)
     matrix = csr_matrix(entries)
-    if kind in SYMMETRIC and min(entries.shape) == len(nodes):
+    if half and min(entries.shape) == len(nodes):
         rows = entries.row.astype(np.int64)
         columns = entries.col.astype(np.int64)
         matrix = symmetric_of_half(rows, columns, entries.data, len(nodes), path.name)
     return ForeignMatrix(matrix, nodes, directions, path.name)
+
+
+def _harwell_boeing(path: Path) -> tuple[bool, coo_matrix]:
+    """True for a file that stores one half, and the entries of a Harwell-Boeing file.
+
+    SciPy reads whole matrices alone, and no header as Ansys writes it: with formats without a
+    repeat count, exponents with D, and a fourth format where there is no right-hand side.
+    """
+    lines = path.read_text(encoding="ascii", errors="replace").splitlines()
+    kind = lines[2][:3].upper()
+    if kind not in HARWELL_BOEING:
+        raise ValueError(f"its type is {kind}: {', '.join(HARWELL_BOEING)} are read")
+    counts = [int(lines[1][k : k + 14]) for k in (14, 28, 42)]
+    rows, columns, size = (int(lines[2][k : k + 14]) for k in (14, 28, 42))
+    expected = columns + 1, size, size
+    at = 5 if int(lines[1][56:70].strip() or 0) else 4  # a right-hand side has a line of its own
+    numbers: list[np.ndarray] = []
+    for count, many, width in zip(counts, expected, _WIDTH.findall(lines[3])[:3], strict=True):
+        numbers.append(_of_fields(lines[at : at + count], many, int(width)))
+        at += count
+    starts, stored = (some.astype(np.int64) - 1 for some in numbers[:2])
+    matrix = csc_matrix((numbers[2], stored, starts), shape=(rows, columns))
+    return kind[1] == "S", coo_matrix(matrix)
+
+
+def _of_fields(lines: list[str], expected: int, width: int) -> np.ndarray:
+    """Numbers between blanks, or, if they run together, in fields of a width."""
+    text = [re.sub("[dD]", "E", line.rstrip()) for line in lines]
+    words = " ".join(text).split()
+    if len(words) != expected:
+        words = [line[k : k + width] for line in text for k in range(0, len(line), width)]
+    if len(words) != expected:
+        raise ValueError(f"it has {len(words)} numbers of {expected}")
+    return np.array([float(word) for word in words])
 
 
 def read_npz(path: Path, dofs: Path | None = None) -> ForeignMatrix:
@@ -148,8 +182,8 @@ def table_beside(path: Path) -> Path:
     )
 
 
-def _read(reader: Callable[[Path], object], path: Path) -> object:
-    """What a reader of SciPy makes of a file; FileContentError for a damaged one."""
+def _read(reader: Callable[[Path], _Read], path: Path) -> _Read:
+    """What a reader makes of a file; FileContentError for a damaged one."""
     try:
         return reader(path)
     except Exception as error:  # readers of SciPy raise many kinds
