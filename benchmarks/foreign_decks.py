@@ -323,7 +323,8 @@ def scene_of(part: Part, folder: Path) -> hhr.Scene:
 
 
 SOFT = 300.0
-"""Modulus of the solid below the plate of two codes, in MPa: a rigid one changes the force by 2 %."""
+"""Modulus of the solid below the plate of two codes, in MPa: a rigid one changes the force by 2 %.
+"""
 
 
 def solid_below(floor: float) -> tuple[str, str, str]:
