@@ -67,6 +67,7 @@
 
   /* Numbers. */
   // with variable shapes areas vary too, and nodal forces are known
+  const axisNames = words.hypothesis === "axisymmetric" ? "rz" : "xyz"; // as the plane is called
   const what = scenery.moves ? "force of a node" : "pressure", ofPressure = (scenery.moves ? words.force : words.stress) ?? "";
   const stressOf = (force, i) => (scenery.moves ? force : areas[i] > 0 ? force / areas[i] : NaN);
   const pressure = () => Array.from(answer.forces, stressOf);
@@ -105,7 +106,7 @@
     const shares = sharesOf(pair), shareOf = (k) => shares[sliding.normal[k]], contact = [...sliding.normal.keys()].filter((k) => shareOf(k) > 0);
     const total = (values) => contact.reduce((t, k) => t + shareOf(k) * values[k], 0);
     const along = [...sliding.tangential.keys()].filter((k) => contact.includes(sliding.owner[k]));
-    const sums = [...Array(dim).keys()].map((c) => [`friction on the first surface, along ${"xyz"[c]}${unit(words.force)}`, along.reduce((t, k) => t + shareOf(sliding.owner[k]) * onSlave(k, c), 0), null]);
+    const sums = [...Array(dim).keys()].map((c) => [`friction on the first surface, along ${axisNames[c]}${unit(words.force)}`, along.reduce((t, k) => t + shareOf(sliding.owner[k]) * onSlave(k, c), 0), null]);
     return [...sums, ["sticking contacts", contact.filter((k) => answer.statuses[k] === 1).length, null, contact.length],
       ["slipping contacts", contact.filter((k) => answer.statuses[k] === 2).length, null, contact.length],
       [`dissipated work${unit(words.work)}`, total(answer.work), null], [`largest accumulated slip${unit(words.length)}`, Math.max(0, ...contact.map((k) => answer.path[k])), null]];
@@ -204,9 +205,9 @@
     const { axis, order } = line, x = order.map((i) => places[i * dim + axis]), y = order.map((i) => values[i]);
     const band = bounded()?.error ?? (worst ?? 0) * Math.max(0, ...y.filter(Number.isFinite));
     const statuses = order.map((i) => (!(answer.forces[i] > 0) ? "--open" : slides(i) ? "--slips" : "--force"));
-    const titles = [`${"xyz"[axis]}${unit(words.length)}`, `${what}${unit(ofPressure)}`];
+    const titles = [`${axisNames[axis]}${unit(words.length)}`, `${what}${unit(ofPressure)}`];
     plots.line(canvas, { x, y, range: shown(x, order), band, along: tractions(line), statuses, titles });
-    canvas.setAttribute("aria-label", `pressure along ${"xyz"[axis]}, at most ${said(Math.max(...y))}`);
+    canvas.setAttribute("aria-label", `pressure along ${axisNames[axis]}, at most ${said(Math.max(...y))}`);
   }
 
   function drawMap({ canvas, own }, values) {
@@ -365,7 +366,7 @@
   at("about").textContent = [words.hypothesis, `${model.m} contact conditions`, `made ${tree.made}`].join(" · ");
   at("footer").replaceChildren(...words.bodies.map((line) => element("p", `body ${line}`)),
     element("p", "This page holds the whole model and asks nobody. Scripts of hhr_dolfinx, licence of the package."));
-  const names = ["length", ..."xyz".slice(0, dim)];
+  const names = ["length", ...axisNames.slice(0, dim)];
   names.forEach((name, k) => at("component").append(element("option", k ? `along ${name}` : "magnitude", { value: k ? k - 1 : "length" })));
   if (tree.stress) at("component").append(element("option", "von Mises' stress", { value: "stress" }));
   if (flowing) at("component").append(element("option", "cumulated plastic strain", { value: "plastic" }));

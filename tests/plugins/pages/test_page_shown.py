@@ -1,5 +1,6 @@
 """What a page shows and does: its scripts in jsdom, beside the numbers of the model in Python."""
 
+import dataclasses
 import json
 import os
 import subprocess
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from bare import WAIT
 from condensing import FINE as QUIET
+from mpi4py import MPI
 from needs import needs
 from test_pages import NODE, drawn_field, in_space, known, made, rubbed
 
@@ -313,3 +315,10 @@ def test_creep_goes_on_where_a_load_is_held():
     rows = [rows_of(view) for view in (first, held)]
     relaxed, loaded = float(rows[1]["sum of forces"]), float(rows[0]["sum of forces"])
     assert relaxed == pytest.approx(answer.forces().sum(), rel=1e-5) and relaxed < 0.98 * loaded
+
+
+def test_axes_of_axisymmetry_are_r_and_z():
+    scene = dataclasses.replace(contract.blocks(), hypothesis="axisymmetric")
+    full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
+    (view,) = shown(page.page_text(hhr.condense(full), hhr.scenery_of(full)), "")
+    assert canvas(view, "pressure along r")["label"].startswith("pressure along r,")
