@@ -407,7 +407,7 @@ MISTAKES: dict[str, tuple[Change, str]] = {
     ),
     "no names": (
         mesh(without_names),
-        r"'clamp' is asked for: name the physical groups .*or give their numbers",
+        r"'clamp' is requested: name the physical groups .*or give their numbers",
     ),
     "an empty group": (mesh(without_surface), r"'clamp'.*give the mesh a group of this name"),
     "a body in no group": (
@@ -434,7 +434,7 @@ MISTAKES: dict[str, tuple[Change, str]] = {
     ),
     "two outputs of a name": (
         lambda scene: replace(scene, outputs=scene.outputs[:1] * 2),
-        r"'force on the roller': each needs a name of its own",
+        r"'force on the roller': give each a different name",
     ),
     "an output of no contact": (
         of(outputs=(hhr.LargestPressure("p", contact=2),)),
