@@ -149,7 +149,7 @@ def table_beside(path: Path) -> Path:
 
 
 def _read(reader: Callable[[Path], object], path: Path) -> object:
-    """What a reader of SciPy makes of a file; FileContentError for a damaged one."""
+    """Contents of a file by a reader of SciPy; FileContentError for a damaged one."""
     try:
         return reader(path)
     except Exception as error:  # readers of SciPy raise many kinds
