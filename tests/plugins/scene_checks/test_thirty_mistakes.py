@@ -259,7 +259,7 @@ MISTAKES: dict[str, tuple[Change, str]] = {
     ),
     "nodes in common": (
         mesh(glued_at_a_node),
-        r"'roller_round' and 'spring_top' share 1 nodes.*Give each body nodes of its own",
+        r"'roller_round' and 'spring_top' share 1 nodes.*Give each body separate nodes",
     ),
     "one contact without a tuple": (
         of(contacts=ROLLER),
