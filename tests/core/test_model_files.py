@@ -842,7 +842,7 @@ REFUSED = {
             entry("fields.flow.elastic", (0, 0, 0), 0.0),
         ),
         ("groups must hold the points", entry(f"{GROUPS}.0.indices", 0, 1)),
-        ("one behind another", array(f"{GROUPS}.1.indices", lambda a: a[::-1].copy())),
+        ("one after another", array(f"{GROUPS}.1.indices", lambda a: a[::-1].copy())),
         ("groups must hold", array(f"{GROUPS}.1.indices", lambda a: a[:-1])),
         ("schur is not symmetric", entry("flow.schur", (0, 0, 1), 3.0)),
         ("schur is not positive definite", entry("flow.schur", (0, 2, 2), -1.0)),
