@@ -6,9 +6,10 @@ Falsified files.
 
 With CalculiX (``ccx``): a part of each kind of element, most of which this package lacks, clamped,
 pressed on a rigid floor. CalculiX writes its K, solves one load case, and the contact by its
-penalty. ``ours`` and ``theirs`` are forces on the floor in N; an outcome is "right" within 0.2 %. A
-plate of shells whose files are stored is compared without CalculiX too. Then our own K through the
-format of each code (forces, "right" within 1e-10), a superelement beside the whole K (1e-12), and
+penalty; and a plate of shells on a solid whose K comes from a file in the format of Nastran.
+``ours`` and ``theirs`` are forces on the floor in N; an outcome is "right" within 0.2 %. A plate of
+shells whose files are stored is compared without CalculiX too. Then our own K through the format of
+each code (forces, "right" within 1e-10), a superelement beside the whole K (1e-12), and
 falsified files, each "refused" or "named".
 """
 
@@ -86,6 +87,7 @@ def main() -> None:
     rows = decks.of_stored(options.out / "stored")
     if shutil.which("ccx"):
         rows += [decks.of_calculix(kind, (options.out / kind).resolve()) for kind in kinds]
+        rows.append(decks.of_two_codes((options.out / "two codes").resolve()))
     rows += [*of_formats(), *of_lies()]
     table = Table("code", "elements", "ours", "theirs", "outcome")
     for row in rows:

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from foreign_formats import write_dmig
+
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError
 
@@ -318,6 +320,89 @@ def scene_of(part: Part, folder: Path) -> hhr.Scene:
         outputs=(hhr.ContactForce("force", 0, direction=(0.0, 0.0, 1.0)),),
         parameters=hhr.ParameterSpace(("push",), (0.0,), (2 * part.push,)),
     )
+
+
+SOFT = 300.0
+"""Modulus of the solid below the plate of two codes, in MPa: a rigid one changes the force by 2 %."""
+
+
+def solid_below(floor: float) -> tuple[str, str, str]:
+    """A block of C3D8I below the plate, clamped at its lower side, in a deck and in the deck of
+    another part: its nodes, elements and sets, then its material and section, and its supports.
+    """
+    cells = (12, 8, 2)
+    places, numbers = grid((6.0, 4.0, 1.0), cells, 1)
+    shifted = {n + 50000: (x - 1, y - 1, z - 1 + floor) for n, (x, y, z) in places.items()}
+    every = [(i, j, k) for k in range(cells[2]) for j in range(cells[1]) for i in range(cells[0])]
+    lines = [
+        "*NODE,NSET=SALL",
+        *(f"{n},{x:.12g},{y:.12g},{z:.12g}" for n, (x, y, z) in shifted.items()),
+    ]
+    lines.append("*ELEMENT,TYPE=C3D8I,ELSET=S")
+    upper = []
+    for number, at in enumerate(every, 50001):
+        nodes = [n + 50000 for n in hexahedron(numbers, at, 1)]
+        lines.append(",".join(map(str, (number, *nodes))))
+        if at[2] == cells[2] - 1:
+            upper.append(f"{number},S2")
+    ends = {"DOWN": 0, "UP": cells[2]}
+    for name, k in ends.items():
+        level = [n + 50000 for at, n in numbers.items() if at[2] == k]
+        lines += [f"*NSET,NSET={name}", numbered(level)]
+    lines += ["*SURFACE,NAME=S2", *upper]
+    material = f"*MATERIAL,NAME=SOFT\n*ELASTIC\n{SOFT},.3\n*DENSITY\n1e-9\n"
+    material += "*SOLID SECTION,ELSET=S,MATERIAL=SOFT\n"
+    return "\n".join(lines) + "\n", material, "*BOUNDARY\nDOWN,1,3\n"
+
+
+def write_two_parts(part: Part, folder: Path) -> None:
+    """Decks of a plate of shells and of the solid below it, alone and together."""
+    write_runs(part, folder)
+    mesh, material, supports = solid_below(part.floor)
+    load = "*CLOAD\nUP,3,-1.\nUP,1,.5\n"
+    step = "*STEP\n*STATIC\n" + load + "*NODE FILE\nU\n*END STEP\n"
+    (folder / "solid.inp").write_text(mesh + material + supports + STORE)
+    (folder / "solidcase.inp").write_text(mesh + material + supports + step)
+    pair = part.slaves + "*SURFACE INTERACTION,NAME=I\n"
+    pair += f"*SURFACE BEHAVIOR,PRESSURE-OVERCLOSURE=LINEAR\n{PENALTY}\n"
+    pair += "*CONTACT PAIR,INTERACTION=I,TYPE=NODE TO SURFACE\nS1,S2\n"
+    push = f"*STEP,INC=200\n*STATIC\n.1,1.\n*CLOAD\nTIP,3,{-part.push!r}\n"
+    push += "*NODE PRINT,NSET=DOWN,TOTALS=ONLY\nRF\n*END STEP\n"
+    both = part.model + mesh + material + part.supports + supports + pair + push
+    (folder / "contact.inp").write_text(both)
+
+
+def of_two_codes(folder: Path) -> Case:
+    """A plate of shells by the K of CalculiX on a solid by the K of a file of Nastran, beside
+    CalculiX' own contact of both.
+    """
+    part = part_of("S4")
+    write_two_parts(part, folder)
+    for job in ("store", "case", "solid", "solidcase", "contact"):
+        run(folder, job)
+    found = hhr.read_stiffness(folder / "solid.sti", folder / "solid.dof")
+    punched = write_dmig(found, folder)
+    foreign = hhr.ForeignStiffness(
+        hhr.ForeignBlock(
+            folder / "store.sti", folder / "case.inp", case=folder / "case.inp", name="plate"
+        ),
+        hhr.ForeignBlock(
+            punched, folder / "solid.inp", case=folder / "solidcase.inp", name="solid"
+        ),
+    )
+    scene = foreign.scene(
+        "two",
+        contacts=(hhr.NodeToSurface("plate.LOW", "solid.S2"),),
+        displacements=(
+            *hhr.Displacement.clamp("plate.FIX", 3),
+            *hhr.Displacement.clamp("solid.DOWN", 3),
+        ),
+        loads=(hhr.NodalForce("plate.TIP", (0.0, 0.0, -1.0), "push"),),
+        outputs=(hhr.ContactForce("force", 0, direction=(0.0, 0.0, 1.0)),),
+        parameters=hhr.ParameterSpace(("push",), (0.0,), (2 * part.push,)),
+    )
+    ours = hhr.FullOrderModel(scene).outputs((part.push,))["force"]
+    return case_of("CalculiX and Nastran", "S4 on C3D8I", ours, force_of_calculix(folder), WITHIN)
 
 
 def of_stored(folder: Path) -> list[Case]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.command.speaking import Command, first_rank, resumable, spoken
-from hhr_dolfinx.command.words import OUT, PART_OPTION, SCENE, examples
+from hhr_dolfinx.command.words import FIELDS, OUT, PART_OPTION, SCENE, examples
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.group import group_of
 
@@ -63,6 +63,7 @@ def with_training(command: Command) -> Command:
     default=None,
     help="ranks have one full model together, or one each [by the memory that there is]",
 )
+@FIELDS
 @PART_OPTION
 @OUT
 @resumable
@@ -72,6 +73,7 @@ def train(
     kind: str,
     together: bool | None,
     part: tuple[int, int] | None,
+    fields: str,
     **how: Any,
 ) -> None:
     """Solve the scene for training parameters, build a model, check it, and save it.
@@ -120,7 +122,7 @@ def train(
     write_companions(full, folder)
     if MPI.COMM_WORLD.rank:  # it took part in the build
         return
-    save_model(target, model)
+    save_model(target, model if fields == "all" else model.without_fields())
     problem = full.problem
     console.print(
         f"{loaded.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {model!r}"

@@ -24,6 +24,13 @@ OUT = click.option(
     type=click.Path(path_type=Path),
     help="folder of the results [out/NAME, that of Scene(name=...)]",
 )
+FIELDS = click.option(
+    "--fields",
+    type=click.Choice(["all", "none"]),
+    default="all",
+    show_default=True,
+    help="none: forces and outputs alone; a file that is small where the stiffness is constant",
+)
 AT = click.option(
     "--at", "words", multiple=True, help="values of parameters: name=value, or several with commas"
 )

@@ -217,6 +217,10 @@ class ModelFields:
         """Error estimate of an answer; None if the model has none."""
         return None
 
+    def without_columns(self) -> ModelFields:
+        """Fields without arrays that displacements alone need; the same if there are none."""
+        return self
+
     def estimates(self, many: Any) -> Estimates | None:
         """Error estimates of :class:`~models.many.ManyAnswers`.
 
@@ -341,14 +345,21 @@ class Answer(NamedTuple):
         return self.fields.displacement(self)
 
     def forces(self) -> np.ndarray:
-        """Nodal contact forces on the whole contact surface, (N_lambda,)."""
+        """Nodal contact forces on the whole contact surface, one number of each condition,
+        (N_lambda,).
+
+        Conditions of pressures have λ >= 0, and the force on the slave is -λ n with its outward
+        normal n. Tangential conditions of friction follow these, and their force on the slave is -τ
+        t, see ``model.law``. The unit is a force, per unit depth in the plane and of the whole turn
+        in axisymmetry.
+        """
         return self.fields.forces(self)
 
     def pressure(self, full: Meshed | None = None) -> np.ndarray:
         """Contact pressure at each condition of the whole surface, (N_lambda,).
 
-        Nodal forces over tributary areas. Other conditions than those of pressures have tractions.
-        Conditions without an area are NaN.
+        Nodal forces over tributary areas, with the signs of :meth:`forces`. Tangential conditions
+        have shear stresses. Conditions without an area are NaN.
 
         Args:
             full: the full model, whose mesh has the areas; not needed in the process that built the
@@ -410,7 +421,9 @@ class Answer(NamedTuple):
     def stress(self) -> np.ndarray:
         """Stress on the whole mesh in Kelvin's notation, (places, components).
 
-        At cell midpoints, or where laws of bodies are evaluated.
+        At cell midpoints, or where laws of bodies are evaluated. Components are xx, yy, zz, √2 xy
+        in the plane, rr, zz, θθ, √2 rz in axisymmetry, and xx, yy, zz, √2 xy, √2 xz, √2 yz in
+        space.
         """
         return self.fields.stress(self)
 

@@ -82,6 +82,21 @@ class ExactFields(_Exact):
     functionals: Functionals | None = None  #: outputs of the scene; None if it has none
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)  #: see ModelFields
 
+    def without_columns(self) -> ExactFields | SolvedFields:
+        """Fields with rows of outputs alone, instead of K^-1 B^T.
+
+        The same for bodies with rigid motions, whose outputs read displacements, and for outputs
+        with more rows than there are dofs, as a largest stress may have.
+        """
+        nothing = csr_matrix((0, self.per_force.shape[0]))
+        rows = nothing if self.functionals is None else self.functionals.rows
+        if self.floats or rows.shape[0] >= self.per_force.shape[0]:
+            return self
+        per_term = np.zeros_like(self.per_term)  # zeros take no room in a file
+        per_term[rows.indices] = self.per_term[rows.indices]
+        kept = self.amplitudes, self.lifts, per_term, self.dimension, -(rows @ self.per_force)
+        return SolvedFields(*kept, functionals=self.functionals)
+
     @property
     def conditions(self) -> int:
         """Number of contact conditions; the model keeps all."""
@@ -154,8 +169,8 @@ class SolvedFields(_Exact):
         if self.response_to_forces is None:
             raise NotOfferedError(
                 "a model that was copied or read from a file has no factors, and where the "
-                "columns of K^-1 B^T have no room a displacement needs them: ask the model where "
-                "it was made, or the full one, full.solve(mu)"
+                "columns of K^-1 B^T have no room, or were left out, a displacement needs them: "
+                "ask the model where it was made, or the full one, full.solve(mu)"
             )
         return self.response_to_forces
 

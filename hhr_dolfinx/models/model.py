@@ -265,7 +265,10 @@ class AnsweringModel(Shown):
         if self.by_paths:
             return self.histories.one_step(self, point, raise_on_failure, outside, gradient, **step)
         if step:
-            raise NotOfferedError(f"solve knows no {', '.join(step)} here: all bodies are elastic")
+            raise NotOfferedError(
+                f"solve has no argument {', '.join(step)} here: all bodies are elastic and without "
+                "friction"
+            )
         self.check_range(point, outside)
         try:
             answer = self._answered(point, checked, outside, gradient)
@@ -484,6 +487,12 @@ class KeptModel(AnsweringModel):
     def from_file(cls, **parts: Any) -> Self:
         """Rebuild the model from a file."""
         return cls(**parts)
+
+    def without_fields(self) -> Self:
+        """Model of forces and outputs alone, whose file is small; itself if it has no arrays that
+        only displacements need.
+        """
+        return self
 
     @property
     def members(self) -> tuple[KeptModel, ...]:

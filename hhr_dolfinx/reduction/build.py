@@ -166,6 +166,8 @@ def build(
     elif (reductor := as_reductor(recipe)) is not None:
         return made(reductor, task)
     recipes = task.kind.recipes() if recipe is None else (recipe,)
+    if not recipes:
+        raise ReductionError("there is no recipe to try: give one")
     for outcome in outcomes(
         recipes, lambda item: made(HyperReduction(item), task), (NotSolvableError,)
     ):

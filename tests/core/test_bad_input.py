@@ -491,5 +491,5 @@ def test_parameters_as_arguments_are_refused_with_the_mapping():
             query(push=0.05)
         with pytest.raises(ParameterError, match=r"solve\(\{'push': \.\.\.\}\)"):
             query()
-    with pytest.raises(NotOfferedError, match="solve knows no speed here"):
+    with pytest.raises(NotOfferedError, match="solve has no argument speed here"):
         full.solve(0.05, speed=1.0)

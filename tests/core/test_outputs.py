@@ -12,8 +12,7 @@ import ufl
 from bare import read_csv
 from my_output import MyOutput
 from needs import needs, present
-from scenes import output_slopes, pressed_block, space, stacked
-from scipy.spatial.transform import Rotation
+from scenes import output_slopes, pressed_block, pressed_pair, space, stacked
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError, SceneError, SceneWarning
@@ -153,19 +152,36 @@ def test_energy_counts_imposed_displacements(hypothesis):
 
 
 @needs("floating", "friction")
-@pytest.mark.parametrize("turn", [(0.0, 0.0, 1.0), (1.0, 2.0, -0.5)])
-def test_torque_in_closed_form(turn):
-    """A uniform pressure on a unit square about its middle: friction times the mean distance to the
-    axis.
+@pytest.mark.parametrize("turn", [(0.0, 0.0, 1.0), (1.0, 2.0, -0.5), (1.0, 0.0, 0.0)])
+@pytest.mark.parametrize("height", [1.0, 0.25])
+def test_torque_in_closed_form(turn, height):
+    """A uniform pressure on a unit square: friction times the mean of |(a x r)_t|, the velocity of
+    a turning body along the square.
     """
-    outputs = (hhr.Torque("torque", 0, 0.2, (0.5, 0.5, 1.0), turn), hhr.LargestPressure("peak", 0))
+    outputs = (
+        hhr.Torque("torque", 0, 0.2, (0.5, 0.5, height), turn),
+        hhr.LargestPressure("peak", 0),
+    )
     full = hhr.FullOrderModel(pressed_stack(3, outputs))
     problem, answer = full.problem, full.solve(PRESSURE)
-    turned = Rotation.align_vectors([(0.0, 0.0, 1.0)], [turn])[0].apply(
-        problem.contact_points - (0.5, 0.5, 1.0)
-    )
-    mean = problem.contact_areas @ np.linalg.norm(turned[:, :2], axis=1)
-    assert answer.outputs()["torque"] == pytest.approx(0.2 * PRESSURE * mean, rel=1e-11)
+    axis = np.array(turn) / np.linalg.norm(turn)
+    velocity = np.cross(axis, problem.contact_points - (0.5, 0.5, height))
+    mean = problem.contact_areas @ np.linalg.norm(velocity[:, :2], axis=1)
+    assert answer.outputs()["torque"] == pytest.approx(0.2 * PRESSURE * mean, rel=1e-11, abs=1e-15)
+
+
+@needs("friction")
+def test_torque_in_the_plane_is_friction_times_the_distance_of_the_surface():
+    """On a flat surface all forces of friction have one arm, the height of the axis above it."""
+    for height in (0.0, 0.7):
+        outputs = (
+            hhr.Torque("torque", 0, 0.3, (0.2, 1.0 + height)),
+            hhr.ContactForce("force", 0, (0.0, -1.0)),
+        )
+        scene = pressed_pair("plane_strain", ((3.0, 0.3), (5.0, 0.3)), outputs=outputs)
+        found = hhr.FullOrderModel(scene).solve(scene.parameters.upper).outputs()
+        assert found["force"] > 0.01
+        assert found["torque"] == pytest.approx(0.3 * found["force"] * height, abs=1e-12)
 
 
 def test_stress_is_that_of_the_full_model_with_mean_dilatation_and_grading():

@@ -74,6 +74,13 @@ class ConstantElimination(Rebuilt, Elimination):
         """Rebuild from a file, with LAPACK's factors: answers are the same on all machines."""
         return cls(**parts, factorise=LapackLU)
 
+    def without_primal(self) -> ConstantElimination:
+        """See :class:`Elimination`."""
+        parts = self.responses
+        nothing = parts.free_primal[:0], parts.primal_per_force[:0]
+        responses = Responses(*nothing, parts.free_slack, parts.schur)
+        return ConstantElimination(responses, self.amplitudes, self.factorise)
+
     @cached_property
     def equalities(self) -> SchurEqualities:
         """Equality problems on S, for all points."""

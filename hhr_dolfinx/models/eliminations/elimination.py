@@ -93,6 +93,10 @@ class Elimination(ABC):
         False  # whether motions of bodies that contact alone holds stay unknowns
     )
 
+    def without_primal(self) -> Elimination:
+        """Elimination whose answers have no primal unknown; the same if it cannot be left out."""
+        return self
+
     @abstractmethod
     def __call__(self, point: np.ndarray) -> CondensedContact:
         """Eliminate at a point, (P,).

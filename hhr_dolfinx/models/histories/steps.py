@@ -106,8 +106,14 @@ class Steps:
         """
         raise NotOfferedError(f"steps by linearisation are not built in with {model.law.name}")
 
-    def at_rest(self, model: object) -> Memory:
-        """Memory of undeformed bodies."""
+    def at_rest(self, model: object, gaps: np.ndarray, point: np.ndarray) -> Memory:
+        """Memory of undeformed bodies.
+
+        Args:
+            model: model that answers.
+            gaps: gaps of its conditions, (m,).
+            point: parameter at rest, (P,).
+        """
         return NO_MEMORY
 
     def watch(self, model: object) -> Callable[[Answer], None]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.gradient import CHANGING_STATUS
-from hhr_dolfinx.plugins.contact_laws.range_increments import SolversOfRanges
+from hhr_dolfinx.plugins.contact_laws.range_increments import SolversOfRanges, joined
 from hhr_dolfinx.plugins.inelastic.contact_slopes import ContactChange, LinearisedStep, columnwise
 
 
@@ -26,7 +26,7 @@ class RangeSlopes:
 
     def __init__(self, model: Any, count: int):
         self._laws = SolversOfRanges(model.law)
-        self._memory = self._laws.at_rest()
+        self._memory = joined([solver.at_rest() for solver in self._laws.solvers])
         self._changes = np.zeros(
             (sum(rows.size for rows in self._laws.rows), count)
         )  # of the shifts of all rows

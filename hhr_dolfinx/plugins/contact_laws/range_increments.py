@@ -59,9 +59,15 @@ class SolversOfRanges:
         self.rows = [law_range.rows for law_range in law.ranges]
         self.ranges: Ranges | None = None
 
-    def at_rest(self) -> Memory:
-        """Memory of undeformed bodies."""
-        return _joined([solver.at_rest() for solver in self.solvers])
+    def at_rest(self, gaps: np.ndarray, point: np.ndarray) -> Memory:
+        """Memory of undeformed bodies.
+
+        Args:
+            gaps: gaps of all rows, (M,).
+            point: parameter at rest, (P,).
+        """
+        both = zip(self.solvers, self.rows, strict=True)
+        return joined([solver.memory_at_rest(gaps[rows], point) for solver, rows in both])
 
     def on(self, schur: np.ndarray, motions: np.ndarray | None = None) -> Ranges:
         """Solver of the laws on one S.
@@ -100,7 +106,7 @@ class SolversOfRanges:
             found: solution of the increment.
         """
         both = zip(self.rows, steps, strict=True)
-        return _joined(
+        return joined(
             [
                 step.after(found.forces[rows], found.slack[rows], found.active[rows])
                 for rows, step in both
@@ -108,7 +114,8 @@ class SolversOfRanges:
         )
 
 
-def _joined(memories: Sequence[Memory]) -> Memory:
+def joined(memories: Sequence[Memory]) -> Memory:
+    """Memory with the parts of several."""
     joined = NO_MEMORY
     for memory in memories:
         joined = joined | memory
@@ -138,12 +145,15 @@ class RangesIncrements:
         slack = self.contact_at(point).free_slack
         nothing = (
             np.zeros(slack.size),
-            self.laws.at_rest(),
+            self.laws.at_rest(slack, point),
             slack,
             0.0,
             np.zeros((slack.size, point.size)),
         )
-        return RangeState(time, point, weights, *nothing, self.everywhere.at_rest())
+        fields = self.model.fields
+        gaps = slack if fields.interface is None else fields.gaps @ fields.amplitudes(point)
+        everywhere = self.everywhere.at_rest(gaps, point)
+        return RangeState(time, point, weights, *nothing, everywhere)
 
     def going_on(self, answer: Answer, weights: np.ndarray) -> RangeState:
         """State after a step that the full model solved before.

@@ -172,6 +172,15 @@ class RangeSolver:
         """Memory of undeformed bodies."""
         return NO_MEMORY
 
+    def memory_at_rest(self, gaps: np.ndarray, point: np.ndarray) -> Memory:
+        """Memory of undeformed bodies, if it depends on their gaps or on parameters.
+
+        Args:
+            gaps: gaps of the rows, (k,).
+            point: parameter at rest, (P,).
+        """
+        return self.at_rest()
+
     def step(self, before: Memory, point: np.ndarray, seconds: float) -> RangeStep:
         """Increment from a memory to a point.
 

@@ -89,11 +89,18 @@ class LawSteps(Steps):
         """
         return RangesStep(ranged(model.law, model.conditions), before, point, time, last)
 
-    def at_rest(self, model: Any) -> Memory:
-        """Of all laws."""
+    def at_rest(self, model: Any, gaps: np.ndarray, point: np.ndarray) -> Memory:
+        """Of all laws.
+
+        Args:
+            model: model with the laws.
+            gaps: gaps of its rows, (M,).
+            point: parameter at rest, (P,).
+        """
         memory = NO_MEMORY
         for law_range in ranged(model.law, model.conditions).ranges:
-            memory = memory | law_range.solver().at_rest()
+            rows = gaps[law_range.rows]
+            memory = memory | law_range.solver().memory_at_rest(rows, point)
         return memory
 
     def watch(self, model: Any) -> Callable[[Answer], None]:

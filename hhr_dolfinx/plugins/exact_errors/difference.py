@@ -315,7 +315,8 @@ class DifferenceThere:
         """
         owner = self.owner
         exact, _, converged = self.exact(forces)
-        # products of many rows at once: each call has an overhead
+        # norms of exact forces, errors and returned forces, each in the S norm, the Euclidean one
+        # and the largest pressure, (3, n); of all at once: each product has an overhead
         force_sets = np.array((exact, forces - exact, forces))
         norms = np.array(
             (
@@ -324,16 +325,18 @@ class DifferenceThere:
                 owner.scale.peak(np.abs(force_sets)),
             )
         )
-        size, off, handed = np.moveaxis(norms, 1, 0)
+        of_exact, of_error, of_returned = np.moveaxis(norms, 1, 0)
         imposed, lifted = (driven(columns, self.theta) for columns in (owner.given, owner.lifts))
-        sizes_of_parts = np.hypot(lengths(imposed, imposed), size[0])
-        pulled = np.sum(driven(owner.cross, self.theta) * exact, axis=1)
-        energy = np.sqrt(np.maximum((1 - SQUARES) * sizes_of_parts**2 - 2 * pulled, 0.0))
-        errors = np.vstack((owner.left_out(unknown, exact, self.theta), off))
+        # |u0 - X L|^2 = |u0|^2 + |L|^2 - 2 L (X^T K u0) with X = K^-1 B^T and exact forces L, the
+        # second in the S norm; rounded down, so that relative errors are rounded up
+        parts = np.hypot(lengths(imposed, imposed), of_exact[0])
+        mixed = np.sum(driven(owner.cross, self.theta) * exact, axis=1)
+        energy = np.sqrt(np.maximum((1 - SQUARES) * parts**2 - 2 * mixed, 0.0))
+        errors = np.vstack((owner.left_out(unknown, exact, self.theta), of_error))
         round_off = BOUND_ROUND_OFF * np.vstack(
-            (energy + CANCELLED * (sizes_of_parts + lengths(lifted, lifted)), size + handed)
+            (energy + CANCELLED * (parts + lengths(lifted, lifted)), of_exact + of_returned)
         )
-        sizes = np.vstack((energy, size))
+        sizes = np.vstack((energy, of_exact))
         if owner.rigid_motions:
             # the energy of the self-balancing part of forces: that of the rest would depend on the
             # pins

@@ -33,7 +33,7 @@ class SlidingSlopes:
     def __init__(self, model: Any, count: int):
         self._friction = model.law
         self._surface = SolvedContacts.of(model)
-        self._slip = SlipState.at_rest(self._surface.whole)
+        self._slip: SlipState | None = None  # of the step before; None at rest, without slip
         self._position = np.zeros(
             (self._friction.tangential.size, count)
         )  # its derivatives, (T, K)
@@ -72,7 +72,8 @@ class SlidingSlopes:
             )
             driving = np.zeros((0, way.shape[1])) if loose is None else loose.modes.T @ residual
             slack = slack.copy()
-            slack[rows] -= self._surface.position(self._slip)
+            if self._slip is not None:
+                slack[rows] -= self._surface.position(self._slip)
             slack[answer.active] = 0.0
             forces = answer.multipliers
             solution = Sliding(forces, answer.active, slack, NO_MOTIONS, 0, 0, Status.CONVERGED)

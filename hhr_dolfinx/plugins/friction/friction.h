@@ -447,6 +447,19 @@ static inline int model_settles_free(model_slider *p) {
 }
 #endif
 
+/* Slip of undeformed bodies with gaps of all conditions: contacts that touch stick, as in plugins/friction/laws.py. */
+#define MODEL_TOUCHING 1e-9
+static inline int model_slip_at_rest(model_slider *p, const double *gaps, const double *point, model_slip *slip) {
+    double length = 0;
+    if (!model_set_laws(p, point)) return 0;
+    for (int k = 0; k < MODEL_CONTACTS; k++) length += model_area[k];
+    if (MODEL_TANGENTS > MODEL_CONTACTS) length = sqrt(length);
+    for (int k = 0; k < MODEL_CONTACTS; k++) {
+        slip->gap[k] = gaps[model_normal[k]], slip->bound[k] = model_bounded(p, k, 0);
+        slip->statuses[k] = slip->gap[k] <= MODEL_TOUCHING * length;
+    }
+    return 1;
+}
 
 /* Slip after an increment: bounds and pressures along a slip are the means of both ends. */
 static inline void model_remember(const model_slider *p, const model_slip *before, model_slip *after) {
@@ -464,7 +477,8 @@ static inline void model_remember(const model_slider *p, const model_slip *befor
     for (int k = 0; k < MODEL_CONTACTS; k++) {
         const int row = model_normal[k];
         const double pressure = fmax(p->forces[row], 0), bound = model_bounded(p, k, p->forces[row]);
-        const double closed = 0.5 * ((before->pressure[k] > 0) + (pressure > 0)), mean = 0.5 * (before->pressure[k] + pressure);
+        const int closed_before = before->pressure[k] > 0 || before->bound[k] > 0 || before->statuses[k] != 0;
+        const double closed = 0.5 * (closed_before + (pressure > 0 || bound > 0)), mean = 0.5 * (before->pressure[k] + pressure);
         after->gap[k] = p->left[row], after->pressure[k] = pressure, after->bound[k] = bound;
         after->slipped[k] = before->slipped[k] + slipped[k] * closed;
         after->work[k] = before->work[k] + 0.5 * (before->bound[k] + bound) * slipped[k];
@@ -646,7 +660,7 @@ static inline int model_rest(model_path *p, const double *point) {
     if (!model_stays(point)) return MODEL_OUTSIDE;
     if (!model_set_contact(p->room, from)) return MODEL_NO_ANSWER;
     p->room->started = 1;
-    for (int k = 0; k < MODEL_CONTACTS; k++) p->state->slip.gap[k] = p->room->slack[model_normal[k]];
+    if (!model_slip_at_rest(p->slider, p->room->slack, from, &p->state->slip)) return MODEL_NO_ANSWER;
     p->begun = 1;
     return MODEL_DONE;
 }

@@ -38,6 +38,10 @@ SLIPPING = 1e-3
 """Margin, as a part of its bound, within which a fitted tangential force counts as slipping: it has
 no status.
 """
+TOUCHING = 1e-9
+"""Gap at rest up to which a contact touches, as a part of the length of the surface: gaps of
+matching surfaces are round-off.
+"""
 SLIP = "slip"
 """Name of the :class:`SlipState` in the memory of an answer."""
 
@@ -432,13 +436,17 @@ def places_of(some: np.ndarray, conditions: np.ndarray) -> np.ndarray:
 class SlipState(NamedTuple):
     """State of friction (T tangential rows, C contacts)."""
 
-    position: np.ndarray  #: slack of the tangential rows, from which the next increment slips, (T,)
-    path: np.ndarray  #: length that each contact has slipped while closed, (C,)
-    work: np.ndarray  #: energy dissipated by friction there, (C,)
-    wear: (
-        np.ndarray
-    )  #: pressure integrated along the slip, (C,): Archard's wear in depth per unit of his constant
-    pressure: np.ndarray  #: current force of its pressure, (C,)
+    #: slack of the tangential rows since rest, also while open, from which the next increment
+    #: slips: minus the relative tangential displacement of the slave, a length, (T,)
+    position: np.ndarray
+    #: length that each contact has slipped while closed, or while its law bears a tangential force,
+    #: (C,)
+    path: np.ndarray
+    work: np.ndarray  #: energy dissipated by friction, force times length, (C,)
+    #: pressure integrated along the slip, stress times length, (C,): depth of wear per unit of the
+    #: constant of Archard's law
+    wear: np.ndarray
+    pressure: np.ndarray  #: current normal force λ, not over its area, (C,)
     bound: np.ndarray  #: current largest tangential force, (C,)
     statuses: np.ndarray  #: 0 open, 1 sticks, 2 slips, (C,)
 
@@ -448,19 +456,21 @@ class SlipState(NamedTuple):
         return {"contacts that stick": sticks, "contacts that slip": slips}
 
     @classmethod
-    def at_rest(cls, friction: Friction) -> SlipState:
-        """State without slip and without pressure."""
+    def at_rest(cls, friction: Friction, gap: np.ndarray, point: np.ndarray) -> SlipState:
+        """State without slip and without pressure; contacts that touch stick.
+
+        Args:
+            friction: friction of the rows.
+            gap: gap of each contact, (C,).
+            point: parameter at rest, (P,).
+        """
         nothing = np.zeros(friction.normal.size)
+        bound = bounds(*friction.bounds(point), nothing)
+        length = friction.area.sum() ** (nothing.size / max(friction.tangential.size, 1))
+        touching = gap <= TOUCHING * length
+        statuses = np.where(touching, STICKS, OPEN)
         rows = np.zeros(friction.tangential.size)
-        return cls(
-            rows,
-            nothing,
-            nothing,
-            nothing,
-            nothing,
-            nothing,
-            np.zeros(friction.normal.size, dtype=np.int64),
-        )
+        return cls(rows, nothing, nothing, nothing, nothing, bound, statuses)
 
     def after(
         self,
@@ -473,8 +483,8 @@ class SlipState(NamedTuple):
         """State after an increment.
 
         Tangential slack is the slip of the increment. Bounds and pressures are averaged over it,
-        which is exact for proportional growth; a contact that opens has slipped half of the
-        increment while closed.
+        which is exact for proportional growth; a contact that opens or closes has slipped half of
+        the increment while closed.
 
         Args:
             friction: friction of the rows.
@@ -487,7 +497,8 @@ class SlipState(NamedTuple):
         count = friction.normal.size
         pressure = np.maximum(forces[friction.normal], 0.0)
         slipped = friction.lengths(slip)
-        closed = 0.5 * ((self.pressure > 0).astype(float) + (pressure > 0))
+        closed_before = (self.pressure > 0) | (self.bound > 0) | (self.statuses != OPEN)
+        closed = 0.5 * (closed_before.astype(float) + ((pressure > 0) | (bound > 0)))
         mean = 0.5 * (self.pressure + pressure)
         stress = np.divide(mean, friction.area, out=np.zeros(count), where=friction.area > 0)
         work = 0.5 * (self.bound + bound) * slipped

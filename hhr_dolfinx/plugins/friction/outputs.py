@@ -21,11 +21,14 @@ from hhr_dolfinx.plugins.friction.laws import Friction
 
 @dataclass(frozen=True)
 class Torque(OfContact):
-    """Torque about an axis that friction can bear: its coefficient times the sum of force times
-    distance to the axis.
+    """Largest torque about an axis that friction can bear, the sum of f λ |(a × r)_t|: all contacts
+    slip the way the bodies turn.
+
+    a is the axis, r the arm of a contact, and _t its part in the tangent plane, in which friction
+    acts. The force λ is that of the answer, and friction of the pair is not read.
 
     Attributes:
-        friction: coefficient of friction.
+        friction: coefficient of friction, f.
         origin: a point of the axis; None in axisymmetry, for the axis of the scene.
         axis: direction of the axis in space; None in the plane, for the normal of the plane.
     """
@@ -53,6 +56,7 @@ class Torque(OfContact):
         conditions = probe.conditions(self)
         dim = probe.dimension
         points = probe.problem.contact_points[conditions]
+        normals = _normals(self, probe, conditions)
         if probe.scene.hypothesis == "axisymmetric":
             no_axis(self)
             if self.origin is not None:
@@ -60,18 +64,28 @@ class Torque(OfContact):
                     f"output '{self.name}': the axis of an axisymmetric scene is given, leave out "
                     "origin"
                 )
-            distances = np.abs(points[:, 0])
+            distances = np.abs(points[:, 0])  # friction along the circumference
         else:
             arms = points - place_of(self, "origin", dim)
             if dim == 2:
                 no_axis(self)
-                distances = np.linalg.norm(arms, axis=1)
+                distances = np.abs(np.sum(arms * normals, axis=1))
             else:
-                distances = np.linalg.norm(np.cross(unit_vector(self, "axis", 3), arms), axis=1)
+                ways = np.cross(unit_vector(self, "axis", 3), arms)
+                ways -= np.sum(ways * normals, axis=1)[:, None] * normals
+                distances = np.linalg.norm(ways, axis=1)
         shares = probe.problem.shares_of(self.contact)[conditions]
         return Linear.of(
             self.name, self.unit, conditions, float(self.friction) * shares * distances
         )
+
+
+def _normals(output: OfContact, probe: ModelProbe, conditions: np.ndarray) -> np.ndarray:
+    """Unit normals of conditions of pressures, (c, dim), of either sign."""
+    numbers, points, forces = probe.nodal_forces(output)
+    resultants = forces @ np.tile(np.eye(probe.dimension), (len(points), 1))
+    normals: np.ndarray = resultants[np.searchsorted(numbers, conditions)]
+    return normals / np.linalg.norm(normals, axis=1)[:, None]
 
 
 @dataclass(frozen=True)

@@ -111,7 +111,9 @@ class _Tangential(KnownArguments, PairLaw):
 
 @dataclass(frozen=True)
 class Coulomb(_Tangential):
-    """Coulomb's law: the tangential force of a contact is at most its pressure times a coefficient.
+    """Coulomb's law: the shear stress of a contact is at most a coefficient times its pressure.
+
+    In nodal forces |τ| <= min(coefficient λ, limit area).
 
     Attributes:
         coefficient: not negative; a number, or an expression of the parameters.

@@ -42,8 +42,20 @@ class FrictionRange(RangeSolver):
         return compliance
 
     def at_rest(self) -> Memory:
-        """No slip."""
-        return Memory(slip=SlipState.at_rest(self.law))
+        """No slip, and no contact."""
+        contacts = np.zeros(self.law.normal.size)
+        rows = np.zeros(self.law.tangential.size)
+        nothing = (contacts,) * 5
+        return Memory(slip=SlipState(rows, *nothing, np.zeros(contacts.size, dtype=np.int64)))
+
+    def memory_at_rest(self, gaps: np.ndarray, point: np.ndarray) -> Memory:
+        """No slip; contacts that touch stick.
+
+        Args:
+            gaps: gaps of the rows, (k,).
+            point: parameter at rest, (P,).
+        """
+        return Memory(slip=SlipState.at_rest(self.law, gaps[self.law.normal], point))
 
     def step(self, before: Memory, point: np.ndarray, seconds: float) -> FrictionStep:
         """One increment.

@@ -116,8 +116,9 @@ class Slider:
             weights: derivative of each parameter along that of the whole history, (P,).
         """
         forces = np.zeros(self.model.own_conditions)
-        gap = self._contact_at(point).free_slack[self.friction.normal]
-        slip = SlipState.at_rest(self.surface.whole)
+        slack = self._contact_at(point).free_slack
+        gap = slack[self.friction.normal]
+        slip = self.surface.at_rest(slack, point)
         return SlidingState(
             point, time, forces, None, gap, slip, weights, self._no_changes, self._no_changes
         )

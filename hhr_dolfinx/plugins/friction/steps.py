@@ -140,8 +140,15 @@ class _FrictionSteps(LawSteps):
         """
         return _RubbingStep(model, point, before.memory[SLIP], before.multipliers, last)
 
-    def at_rest(self, model: Any) -> Memory:
-        return Memory(slip=SlipState.at_rest(SolvedContacts.of(model).whole))
+    def at_rest(self, model: Any, gaps: np.ndarray, point: np.ndarray) -> Memory:
+        """Undeformed bodies without slip.
+
+        Args:
+            model: model with friction.
+            gaps: gaps of its rows, (M,).
+            point: parameter at rest, (P,).
+        """
+        return Memory(slip=SolvedContacts.of(model).at_rest(gaps, point))
 
     def watch(self, model: Any) -> Callable[[Answer], None]:
         far = FarSliding()

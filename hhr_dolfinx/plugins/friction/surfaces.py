@@ -36,6 +36,15 @@ class SolvedContacts:
             else _PartSurface(model.fields)
         )
 
+    def at_rest(self, gaps: np.ndarray, point: np.ndarray) -> SlipState:
+        """Slip state of undeformed bodies.
+
+        Args:
+            gaps: gaps of the rows that the model solves for, (M,).
+            point: parameter at rest, (P,).
+        """
+        return SlipState.at_rest(self.whole, gaps[self.whole.normal], point)
+
     def position(self, slip: SlipState) -> np.ndarray:
         """Position of the tangential rows that a model solves for, (T,)."""
         return slip.position
@@ -75,6 +84,11 @@ class _PartSurface(SolvedContacts):
         )  # friction of the RID, with the row numbers of the RID
         friction: Any = self._parts.whole
         super().__init__(friction)
+
+    def at_rest(self, gaps: np.ndarray, point: np.ndarray) -> SlipState:
+        normal = self.whole.normal
+        everywhere = self._fields.gaps[normal] @ self._fields.amplitudes(point)
+        return SlipState.at_rest(self.whole, everywhere, point)
 
     def position(self, slip: SlipState) -> np.ndarray:
         return slip.position[self._own]

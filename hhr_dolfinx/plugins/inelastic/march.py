@@ -303,9 +303,9 @@ def _turns(model: MaterialEquilibrium, trail: tuple[Answer, ...], target: np.nda
 
 
 def _at_rest(model: MaterialEquilibrium, time: float, parameter: np.ndarray) -> Answer:
-    return _uniform(
-        model, parameter, 0.0, Status.CONVERGED, time, steps_of(model.law).at_rest(model)
-    )
+    gaps = model.gaps(model.amplitudes(parameter))
+    memory = steps_of(model.law).at_rest(model, gaps, parameter)
+    return _uniform(model, parameter, 0.0, Status.CONVERGED, time, memory)
 
 
 def _uniform(

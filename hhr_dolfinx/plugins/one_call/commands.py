@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hhr_dolfinx.command.speaking import resumable, spoken
-from hhr_dolfinx.command.words import EXIT_NO_ANSWER, OUT, SCENE, examples
+from hhr_dolfinx.command.words import EXIT_NO_ANSWER, FIELDS, OUT, SCENE, examples
 from hhr_dolfinx.compat import extra
 
 with extra("study", "the command hhr"):
@@ -59,13 +59,20 @@ class ShareArgument(click.ParamType):
 @click.option("--seconds", type=float, help="most that it may take")
 @click.option("--answers", type=click.IntRange(1), help="most answers of the full model")
 @click.option("--megabytes", type=float, help="largest model in a file")
+@FIELDS
 @click.option(
     "--seed", type=click.IntRange(0), default=1, show_default=True, help="of random points"
 )
 @OUT
 @resumable
 def reduce(
-    scene: str, out: Path | None, error: float, of: tuple[str, ...], seed: int, **limits: Any
+    scene: str,
+    out: Path | None,
+    error: float,
+    of: tuple[str, ...],
+    seed: int,
+    fields: str,
+    **limits: Any,
 ) -> None:
     """Build the cheapest model with the requested accuracy, and save it: condensed, hyper-reduced,
     or local ones.
@@ -92,6 +99,7 @@ def reduce(
         "of": of or "pressure",
         "budget": budget,
         "paths": beside(scene, "PATHS"),
+        "fields": fields == "all",
     }
     try:
         model = reduced(built_scene, **request, folder=folder, seed=seed, progress=progress)

@@ -127,6 +127,7 @@ def reduce(
     budget: Budget = NO_BUDGET,
     paths: PathFamily | None = None,
     fallback: bool = False,
+    fields: bool = True,
     folder: str | Path | None = None,
     seed: int = 1,
     progress: Announce | None = None,
@@ -144,6 +145,8 @@ def reduce(
             are reached from rest.
         fallback: keep the full model as a fallback of the small one, for one norm, and for a model
             with a bound: it answers if the bound exceeds the target, see ``hhr.FallbackModel``.
+        fields: False leaves out arrays that only displacements need, of a condensed model of a
+            constant stiffness nearly all of its file; its answers have forces and outputs.
         folder: keeps full answers as they are found, so that the same call continues from there,
             with the model, ``model.npz``, and the record, ``reduction.json``; None keeps nothing.
         seed: of random draws.
@@ -176,13 +179,15 @@ def reduce(
         _check_paths(full, paths)
         target = Target.checked(error, of, full)
         _check_fallback(fallback, target)
+        if target.needs_fields and not fields:
+            raise StudyError("an error of displacement needs fields: leave out fields=False")
         checked_out, store, arrays = _opened(folder, full)
     group_of(comm).agreed(
         "a search", lambda: [full.scene.name, repr((full.scene, error, of, budget, fallback, seed))]
     )
     shown = progress or ShareLines(partial(print, file=sys.stderr, flush=True))
     context = SearchContext(
-        full, Workers(comm, full, store), target, budget, paths, seed, shown, arrays
+        full, Workers(comm, full, store), target, budget, paths, seed, shown, arrays, fields=fields
     )
     model, reduction = _found(context, checked_out)
     if not reduction.met and not comm.rank:
@@ -210,6 +215,7 @@ def _found(context: SearchContext, kept: Path | None) -> tuple[KeptModel, Reduct
                 )  # of histories, as long as training answers
                 limited = context.full.strains.corners(context.full, model)
                 reduction = replace(reduction, seconds=context.clock.seconds)
+                limited = limited if context.fields else limited.without_fields()
                 if limited is not model:
                     reduction = replace(reduction, answered=_share_answered(context, limited))
                 result = model, reduction = limited, reduction
@@ -477,7 +483,8 @@ def _try(context: SearchContext, attempt: Proposal) -> tuple[KeptModel | None, T
     context.checking = True
     seconds = clock.seconds
     limit = context.budget.bytes
-    size = 0 if limit is None else _size(model)
+    stored = model if context.fields else model.without_fields()
+    size = 0 if limit is None else _size(stored)
     tried = Tried(attempt.method, attempt.setting, context.solved, seconds, bytes=size)
     if limit is not None and size > limit:
         return None, replace(

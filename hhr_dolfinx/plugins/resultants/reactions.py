@@ -36,9 +36,11 @@ class Reaction(NamedOutput):
         direction: direction of the component of a force, of any length; in axisymmetry the first
             component sums radial forces around the turn.
         about: reference point of a moment, in the unit of length.
-        axis: axis of a moment in space; None in the plane, for the normal of the plane.
-        kind: ``force``, ``moment``, or ``work``, the sum of reactions times imposed displacements,
-            which is twice the work of a load that grows in proportion.
+        axis: axis of a moment in space, right-handed, with arms in the undeformed mesh; None in the
+            plane, for the normal of the plane.
+        kind: ``force``, ``moment``, or ``work``, the sum of reactions times imposed displacements
+            at the end of a step. It is twice the work done if reactions have grown in proportion to
+            displacements all the way, which contact that opens and friction do not let them.
 
     Raises:
         SceneError: for a direction, point or axis that the kind does not take or lacks.

@@ -215,7 +215,7 @@ class RepairingSlider(Slider):
         nothing = np.zeros(len(free_slack))
         slack_of_fixed = free_slack[self.friction.normal[self.count :]]
         gap = np.concatenate([self.paired(nothing, nothing, point).gap, slack_of_fixed])
-        slip = SlipState.at_rest(self.friction)
+        slip = SlipState.at_rest(self.friction, gap, point)
         changes = self._no_changes, self._no_changes
         return SlidingState(
             point, time, np.zeros(self.rows), None, gap, slip, weights, *changes, nothing, nothing

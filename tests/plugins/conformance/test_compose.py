@@ -114,7 +114,7 @@ def pairs_of(name):
     return [tuple(sorted((name, NAMES[(place + step) % count]))) for step in ahead]
 
 
-ALL_HERE = pytest.mark.skipif(not present(*OURS), reason="pairs are those of all plug-ins")
+ALL_HERE = needs(*OURS)  # pairs are those of all plug-ins
 
 
 @ALL_HERE

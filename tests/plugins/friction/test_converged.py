@@ -125,7 +125,7 @@ def test_increments_that_are_too_few_are_named(monkeypatch):
 def test_converged_is_an_argument_with_friction_alone():
     faces = side(FIRST, 1, True), side(SECOND, 1, False)
     smooth = hhr.FullOrderModel(rubbing(pairing=hhr.NodeToNode(*faces, (0.0, 1.0)), cells=2))
-    with pytest.raises(NotOfferedError, match="solve knows no converged here"):
+    with pytest.raises(NotOfferedError, match="solve has no argument converged here"):
         smooth.solve([0.02, 0.01], converged=True)
     with pytest.raises(ParameterError, match="limit = 1 must be True or False"):
         hhr.MarchSettings(limit=1)

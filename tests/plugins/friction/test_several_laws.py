@@ -156,7 +156,7 @@ def check_random(count, seed):
         rows = np.arange(2 * contacts), np.arange(2 * contacts, size)
         point = np.zeros(1)
         steps = (
-            FrictionStep(law, SlipState.at_rest(law), point),
+            FrictionStep(law, SlipState.at_rest(law, np.ones(law.normal.size), point), point),
             GasketStep(gaskets_of(constants), point),
         )
         found = Ranges(schur, rows, np.zeros(size)).solve(free, steps, np.zeros(size))
@@ -198,7 +198,10 @@ def test_friction_over_a_gasket_on_one_pair(ratio):
         free[pressing] = -np.abs(free[pressing])
         point = np.zeros(1)
         step = FrictionStep(
-            law, SlipState.at_rest(law), point, under=GasketStep(gaskets_of(constants), point)
+            law,
+            SlipState.at_rest(law, np.ones(law.normal.size), point),
+            point,
+            under=GasketStep(gaskets_of(constants), point),
         )
         found = solver.solve(free, [step], np.zeros(2 * contacts))
 

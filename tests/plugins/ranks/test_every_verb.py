@@ -35,7 +35,7 @@ EVERY_DAY = [
 SAME = 1e-10
 
 
-@needs("decks")
+@needs("decks", "um_bridge")
 def test_every_command_and_every_verb_has_an_entry():
     """A new one without an entry fails here."""
     assert {name.split()[0] for name in every.COMMANDS} == set(every.command.list_commands(None))

@@ -224,6 +224,16 @@ static inline void model_set_loads(model_path *p) {
 }
 
 #if MODEL_RUBS
+/* Slip of undeformed bodies at a point; 0 if laws are not numbers. */
+static inline int model_rest_slip(model_path *p, const double *point) {
+    model_set_theta(p->room, point);
+    for (int i = 0; i < MODEL_CONDITIONS; i++) {
+        p->slack[i] = 0;
+        for (int t = 0; t < MODEL_TERMS; t++) p->slack[i] += model_gaps[i * MODEL_TERMS + t] * p->room->theta[t];
+    }
+    return model_slip_at_rest(p->slider, p->slack, point, &p->state->slip);
+}
+
 /* Laws of friction at a point, S, and slacks less what has slipped; 0 if laws are not numbers. */
 static inline int model_ready(model_path *p, const model_state *before, const double *point) {
     for (int k = 0; k < MODEL_TANGENTS; k++) p->slack[model_tangential[k]] -= before->slip.position[k];
@@ -535,6 +545,9 @@ static inline int model_rest(model_path *p, const double *point) {
     model_start(point, p->state->point);
     p->begun = p->tangent = 0;
     if (!model_stays(point)) return MODEL_OUTSIDE;
+#if MODEL_RUBS
+    if (!model_rest_slip(p, p->state->point)) return MODEL_NO_ANSWER;
+#endif
     p->begun = 1;
     return MODEL_DONE;
 }

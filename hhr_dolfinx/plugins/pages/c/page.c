@@ -36,11 +36,18 @@ EXPORT(rest) int rest(const double *point) {
     path->begun = 1;
 #if MODEL_FLOWS
     path->tangent = 0;
+#if MODEL_RUBS
+    if (!model_rest_slip(path, point)) return 0;
+#endif
 #else
     if (!model_set_contact(WORK, point)) return 0;
     WORK->started = 1;
 #if MODEL_RUBS
-    for (int k = 0; k < MODEL_CONTACTS; k++) path->state->slip.gap[k] = WORK->slack[model_normal[k]];
+#if MODEL_RANGED
+    if (!model_slip_at_rest(path->together->slider, WORK->slack, point, &path->state->slip)) return 0;
+#else
+    if (!model_slip_at_rest(path->slider, WORK->slack, point, &path->state->slip)) return 0;
+#endif
 #endif
 #endif
     return 1;

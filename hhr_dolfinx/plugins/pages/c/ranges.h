@@ -610,7 +610,7 @@ static inline int model_rest(model_path *p, const double *point) {
     if (!model_set_contact(p->room, p->state->point)) return MODEL_NO_ANSWER;
     p->room->started = 1;
 #if MODEL_RUBS
-    for (int k = 0; k < MODEL_CONTACTS; k++) p->state->slip.gap[k] = p->room->slack[model_normal[k]];
+    if (!model_slip_at_rest(p->together->slider, p->room->slack, p->state->point, &p->state->slip)) return MODEL_NO_ANSWER;
 #endif
     p->begun = 1;
     return MODEL_DONE;
