@@ -631,7 +631,7 @@ class Amplitudes:
             space: the box of the parameters.
 
         Returns:
-            The values, (m,), and the points where they are taken, (m, P).
+            The values, (m,), and the points where they are attained, (m, P).
         """
         affine = columns[:, : self.constant.size]
         slopes = affine @ self.slopes

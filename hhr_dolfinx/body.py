@@ -84,7 +84,7 @@ class Body(KnownArguments):
             self.law is not None or self.grading is not None or self.varies
         ):
             raise SceneError(
-                f"body {self.tag} has a stress of its own, and a law, a grading or formulas "
+                f"body {self.tag} has a user-defined stress, and a law, a grading or formulas "
                 "besides: that is not built in, write all of it into the stress"
             )
         for name in RANGES:

@@ -417,7 +417,7 @@ def _table(inner: list[_Evaluate], what: str) -> _Evaluate:
         with np.errstate(all="ignore"):
             numbers = [float(entry({})) for entry in inner[1:]]
     except (KeyError, ArithmeticError):
-        raise SceneError(f"the table of {what} must hold numbers behind its variable") from None
+        raise SceneError(f"the table of {what} must hold numbers after its variable") from None
     at = np.array(numbers[::2])
     values = np.array(numbers[1::2])
     finite = np.isfinite(numbers).all()

@@ -103,7 +103,7 @@ class ProcessGroup:
             call: returns words of the request, then its values, or refuses.
 
         Raises:
-            RankError: on all processes, if these are asked for different things.
+            RankError: on all processes, if their requests differ.
         """
 
     def in_step(self, items: Callable[[], Iterable[T]], task: str) -> Iterator[T]:

@@ -187,7 +187,7 @@ class PartialPressure(KnownArguments):
         """Check that the extent is a parameter.
 
         Raises:
-            SceneError: if it is none.
+            SceneError: if it is not one.
         """
         if self.extent not in parameters.names:
             raise SceneError(
@@ -228,8 +228,8 @@ class PartialPressure(KnownArguments):
             )  # drops round-off of a mesher
             raise SceneError(
                 f"the line tagged {self.tag} under a partial pressure is not in one piece from "
-                f"{start:g} to {end:g} along axis {self.axis}: give each piece a tag and a "
-                "pressure of its own"
+                f"{start:g} to {end:g} along axis {self.axis}: give each piece its "
+                "own tag and pressure"
             )
         rows = (2 * nodes[:, None] + [0, 1]).ravel()
         entries = np.tile(force, nodes.size), (rows, np.repeat(np.arange(nodes.size), 2))
@@ -249,7 +249,7 @@ class PartialPressure(KnownArguments):
         label = f"the partial pressure on tag {self.tag}"
         if points.shape[1] != 2:
             raise SceneError(
-                f"{label} needs a mesh in the plane: in space, write a load of your own with terms"
+                f"{label} needs a mesh in the plane: in space, write your own load with terms"
             )
         extents = np.ptp(points, axis=0)
         if extents[1 - self.axis] > 1e-9 * extents[self.axis]:

@@ -29,7 +29,7 @@ class Memory(Mapping[str, Any]):
         return len(self._parts)
 
     def __or__(self, more: Mapping[str, Any]) -> Memory:
-        """These variables and more; a name that both have is taken from ``more``."""
+        """These variables and more; for a name that both have, ``more`` has precedence."""
         return Memory(**{**self._parts, **more})
 
     def counted(self) -> dict[str, int]:

@@ -243,7 +243,7 @@ class ParameterSpace(KnownArguments):
             object.__setattr__(self, attribute, entries)
         if len(set(self.names)) < len(self.names):
             raise SceneError(
-                f"a parameter is named twice in {self.names}: each needs a name of its own"
+                f"a parameter is named twice in {self.names}: give each a different name"
             )
         if not self.names or not len(self.names) == len(self.lower) == len(self.upper):
             raise SceneError(

@@ -119,7 +119,7 @@ def as_plain(
         again.arrays, writer.arrays
     ):
         raise FileContentError(
-            f"{_shown(value)} made of its own fields is another {type(value).__name__}: its "
+            f"{_shown(value)} rebuilt from its fields is another {type(value).__name__}: its "
             "__post_init__ must leave fields that it has changed once as they are"
         )
     return tree, writer.arrays

@@ -62,7 +62,7 @@ class Way(NamedTuple):
 class Bounds(NamedTuple):
     """Errors of the answers of hyper-reduced models, for the full models that ``wanted`` accepts.
 
-    The first is taken.
+    The first one applies.
 
     ``place`` is that of a function ``(full, basis, forces, *, cone, announce) -> Bounding``, see
     :class:`~hhr_dolfinx.models.bound.Bounding`, with the basis, (own, ell), and the training
@@ -179,14 +179,14 @@ def installed() -> Mapping[str, Plugin]:
             if plugins[plugin.name] is not plugin:
                 _leave_out(
                     plugin.name,
-                    f"{point.value} has the name of another plug-in: give it a name of its own",
+                    f"{point.value} has the name of another plug-in: give it a different one",
                 )
             continue
-        if taken := [
+        if conflicting := [
             key for key, path in registered.items() if owners.get(key, (path, ""))[0] != path
         ]:
-            kind, name = taken[0]
-            path, owner = owners[taken[0]]
+            kind, name = conflicting[0]
+            path, owner = owners[conflicting[0]]
             _leave_out(
                 plugin.name,
                 f"it registers {name!r} among {kind}, which is {path} of the plug-in '{owner}'",

@@ -72,7 +72,7 @@ class Displacement(KnownArguments):
         if not is_whole(self.component, 0):
             raise SceneError(
                 f"component {self.component!r} of the displacement on tag {self.tag} must be 0, 1 "
-                "or 2: give each component that is imposed a Displacement of its own"
+                "or 2: write one Displacement for each component that is imposed"
             )
         check_amplitude(self, f"the displacement on tag {self.tag}", formulas=True)
         if self.field is not None:
@@ -211,7 +211,7 @@ class Scene(KnownArguments):
             path = f"'{self.geometry}'" if isinstance(self.geometry, str | Path) else "path"
             raise SceneError(
                 f"geometry = {self.geometry!r} must be a function of a communicator: for a mesh "
-                f"file write MeshFile({path}), for a mesh of your own lambda comm: ..."
+                f"file write MeshFile({path}), for your own mesh lambda comm: ..."
             )
         if not isinstance(self.parameters, ParameterSpace):
             raise SceneError(f"parameters = {self.parameters!r} must be a ParameterSpace")
@@ -444,7 +444,7 @@ class Scene(KnownArguments):
         ):
             if present:
                 raise SceneError(
-                    f"scene '{self.name}' has {kind} and a system of its own: {fault}. Leave one "
+                    f"scene '{self.name}' has {kind} and a user-defined system: {fault}. Leave one "
                     "of them out"
                 )
 
@@ -485,7 +485,7 @@ class Scene(KnownArguments):
             if (first := tags.index(tag)) != index:
                 raise SceneError(
                     f"bodies {first} and {index} have the same cell tag {tag}: their stiffness "
-                    "would add up. List each body once, and give each a tag of its own in the mesh"
+                    "would add up. List each body once, and give each its own tag in the mesh"
                 )
         for index, pair in enumerate(self.contacts):
             for tag in pair.tags:
@@ -505,7 +505,7 @@ class Scene(KnownArguments):
         names = [output.name for output in self.outputs]
         for name in names:
             if names.count(name) > 1:
-                raise SceneError(f"two outputs are called '{name}': each needs a name of its own")
+                raise SceneError(f"two outputs are called '{name}': give each a different name")
         overwriting: dict[int, int] = {}
         for index, opening in enumerate(self.openings):
             if (

@@ -45,7 +45,7 @@ def unannounced(stage: str, share: float) -> None:
 class ShareLines:
     """Progress as lines: one for each stage of a long run, then the part of it that is done.
 
-    There is none in the first ``quiet`` seconds, nor sooner than ``every`` seconds after the last
+    No line appears in the first ``quiet`` seconds, nor sooner than ``every`` seconds after the last
     one of a stage.
     """
 

@@ -74,7 +74,7 @@ class Commands(click.Group):
 
 
 def _broken(name: str, place: str, error: BaseException) -> click.Command:
-    """Command in the place of one that cannot be loaded, which says why when it is called."""
+    """Stand-in for a command that cannot be loaded: it reports the reason when it is called."""
 
     @guarded
     def refuse(words: tuple[str, ...]) -> None:

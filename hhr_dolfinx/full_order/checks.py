@@ -107,7 +107,7 @@ def _check_mesh(scene: Scene, mesh: dmesh.Mesh, group: ProcessGroup) -> None:
     if mesh.comm.size != group.size:
         raise SceneError(
             f"the mesh of scene '{scene.name}' is spread over {mesh.comm.size} ranks and was "
-            f"asked for on {group.size}: its geometry must build it on the communicator it is "
+            f"requested on {group.size}: its geometry must build it on the communicator it is "
             "given"
         )
     if tdim < gdim:

@@ -313,7 +313,7 @@ class Discretisation(DiscreteSpace):
         if self.scene.system is None:
             return self.shape
         made = registry.tool(
-            "systems", f"scene '{self.scene.name}', which has a system of its own,"
+            "systems", f"scene '{self.scene.name}', which has a user-defined system,"
         )
         found: StatedSystem = made(self.scene, stiffness, self.springs)
         return found

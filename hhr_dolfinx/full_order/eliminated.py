@@ -1,4 +1,4 @@
-"""What a plug-in makes of the constraints of a scene: its tool ``constraints``.
+"""Elimination of the constraints of a scene, by the tool ``constraints`` of a plug-in.
 
 The tool is a function ``(scene, assembler, cell_nodes, free, imposed) -> Eliminated`` of a scene
 with constraints, the :class:`~hhr_dolfinx.loads.Assembler` of an item, the nodes of each cell, the

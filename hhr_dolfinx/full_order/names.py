@@ -91,7 +91,7 @@ class TagNames:
         names = sorted(name for name in there if isinstance(name, str))
         if not names:
             raise SceneError(
-                f"no {kind} of the mesh has a name, and '{tag}' is asked for: name the physical "
+                f"no {kind} of the mesh has a name, and '{tag}' is requested: name the physical "
                 f"groups of the mesh, or give their numbers{self.of_file([tag])}"
             )
         near = difflib.get_close_matches(tag.lower(), [name.lower() for name in names], n=1)

@@ -96,7 +96,7 @@ def cells_of_body(discretisation: DiscreteSpace, tag: Tag) -> np.ndarray:
     tags = [body.tag for body in scene.bodies]
     if tag not in tags:
         raise SceneError(
-            f"the cell tag {tag} is none of the bodies {tags} of scene '{scene.name}': name one "
+            f"the cell tag {tag} is not among the bodies {tags} of scene '{scene.name}': name one "
             "of them"
         )
     discretisation.check_cells(tag)

@@ -83,7 +83,7 @@ class ExactFields(_Exact):
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)  #: see ModelFields
 
     def without_columns(self) -> ExactFields | SolvedFields:
-        """Fields with rows of outputs alone, in the place of K^-1 B^T.
+        """Fields with rows of outputs alone, instead of K^-1 B^T.
 
         The same for bodies with rigid motions, whose outputs read displacements, and for outputs
         with more rows than there are dofs, as a largest stress may have.
@@ -142,7 +142,9 @@ class SolvedFields(_Exact):
     #: as a largest stress has; outputs then evaluate displacements, one more solve each
     measured_per_force: Annotated[Floats, "rows of outputs", "m"]
     #: K^-1 B^T times forces; None of a copy or from a file, since factors belong to one process
-    pushed: Callable[[np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
+    response_to_forces: Callable[[np.ndarray], np.ndarray] | None = field(
+        default=None, metadata=OF_THE_MESH
+    )
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(
         default=None, metadata=OF_THE_MESH
     )
@@ -160,17 +162,17 @@ class SolvedFields(_Exact):
         return bool(self.functionals.rows.shape[0] != len(self.measured_per_force))
 
     def _unknown(self, answer: Answer, theta: Theta) -> np.ndarray:
-        return self.per_term @ theta - self._push(answer.multipliers)
+        return self.per_term @ theta - self._response(answer.multipliers)
 
     @property
-    def _push(self) -> Callable[[np.ndarray], np.ndarray]:
-        if self.pushed is None:
+    def _response(self) -> Callable[[np.ndarray], np.ndarray]:
+        if self.response_to_forces is None:
             raise NotOfferedError(
                 "a model that was copied or read from a file has no factors, and where the "
                 "columns of K^-1 B^T have no room, or were left out, a displacement needs them: "
                 "ask the model where it was made, or the full one, full.solve(mu)"
             )
-        return self.pushed
+        return self.response_to_forces
 
     def _per_coordinate(self, rows: csr_matrix) -> csr_matrix | np.ndarray:
         return rows if self._reads_fields else self.measured_per_force
@@ -183,4 +185,4 @@ class SolvedFields(_Exact):
     def _coordinate_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
         assert answer.gradient is not None
         forces = answer.gradient.multipliers
-        return self.per_term @ changes - self._push(forces) if self._reads_fields else forces
+        return self.per_term @ changes - self._response(forces) if self._reads_fields else forces

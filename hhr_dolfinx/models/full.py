@@ -254,7 +254,7 @@ class FullModel(AnsweringModel, ElasticFields):
         if self.group.size == 1:
             return
 
-        def asked() -> list[str | np.ndarray]:
+        def request() -> list[str | np.ndarray]:
             table = points()
             last = (
                 self.parameters.described(table[-1][-len(self.parameters.names) :])
@@ -272,7 +272,7 @@ class FullModel(AnsweringModel, ElasticFields):
             )
             return [words, table, *values]
 
-        self.group.agreed(f"the full model of scene '{self.scene.name}'", asked)
+        self.group.agreed(f"the full model of scene '{self.scene.name}'", request)
 
     @abstractmethod
     def gathered(self) -> FullModel:

@@ -27,8 +27,8 @@ class Gradient(NamedTuple):
         slack: of the slack, (m, P).
         kinks: number of material points at a kink of their law, and of such points and conditions
             in earlier steps.
-        note: path along which the derivatives are taken, and how far they have converged, if they
-            depend on one.
+        note: path along which the derivatives are computed, and how far they have converged, if
+            they depend on one.
     """
 
     unknown: np.ndarray

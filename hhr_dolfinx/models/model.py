@@ -117,7 +117,7 @@ class AnsweringModel(Shown):
         parameters: the box of the parameters.
         fields: completes the answers.
         equilibrium: answers paths of bodies with laws; None in elastic models.
-        law: law of its own contact conditions.
+        law: law of the contact conditions of the model.
         advice: remedy for each status, for the messages.
         usual_outside: default policy outside the training range, ``warn`` or ``ignore``.
         instead: model to keep in a file instead of this one, for messages.
@@ -313,7 +313,7 @@ class AnsweringModel(Shown):
         The problem has no primal unknown.
 
         Raises:
-            NotOfferedError: if the model has no contact problem of its own.
+            NotOfferedError: if the model has no condensed contact problem.
         """
         raise NotOfferedError(
             f"{type(self).__name__} knows no contact problem of a point for itself"
@@ -503,7 +503,7 @@ class KeptModel(AnsweringModel):
         """The model without its indicator, which is code."""
         if self.fields.indicator is None:
             return self
-        reason = "its indicator stayed behind, a file holds no code"
+        reason = "its indicator was left out, as a file holds no code"
         return self.changed(fields=replace(self.fields, indicator=None, unbounded=reason))
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:

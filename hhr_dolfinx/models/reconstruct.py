@@ -45,7 +45,7 @@ class _Fit(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _OfAnswer:
-    """What several methods of a reconstruction need of one answer, each computed once."""
+    """Quantities of one answer that several methods of a reconstruction share, computed once."""
 
     fields: Reconstruction
     answer: Answer

@@ -124,7 +124,7 @@ def save_model(path: str | Path, model: KeptModel) -> None:
         raise NotOfferedError(f"a {type(model).__name__} cannot be kept in a file: {reason}")
     plain = model.for_file()
     if plain is not model:
-        reason = "the indicator stays behind: answers of the model read from it have no estimate"
+        reason = "the indicator is left out: answers of the model read from it have no estimate"
         warn(f"{path} holds no code, {reason}", ModelFileWarning)
     try:
         tree, arrays = as_plain(plain, Kinds())

@@ -90,7 +90,7 @@ class Surface:
     areas: Annotated[Floats, "surface nodes"]  #: tributary area of each node, (n,)
     depths: Annotated[
         Floats, "facets"
-    ]  #: depth of the cell behind each facet, (f,): no body is thinner
+    ]  #: depth of the cell of each facet, (f,): no body is thinner
     #: facets of second order, of which ``facets`` are the flat parts; None for cells of first order
     quadratic: QuadraticFacets | None = None
     #: components of the displacement of the nodes that are not imposed, (n, dim) bool; None if all
@@ -255,7 +255,7 @@ def make_surface(
     Args:
         tag: facet tag of the surface.
         facet_nodes: nodes of the facets, (f, k), or (f, K) of second order.
-        inner_points: middles of the far sides of the cells behind the facets, (f, dim), from which
+        inner_points: middles of the far sides of the cells of the facets, (f, dim), from which
             outer sides and depths follow.
         points: coordinates of all nodes, (nodes, dim).
         weights: weights of the measure at all nodes, (nodes,), such as 2πr.
@@ -291,7 +291,7 @@ def make_surface(
         raise SceneError(
             f"contact surface {tag} has facets inside the mesh, around "
             f"{rounded(middles.mean(axis=0))}: tag outer sides only, and give bodies in contact "
-            "nodes of their own"
+            "separate nodes"
         )
     outward = vectors / sizes[:, None]
     heights = np.einsum("ij,ij->i", outward, middles - inner_points)
@@ -307,7 +307,7 @@ def make_surface(
 def _parted(
     tag: Tag, facet_nodes: np.ndarray, inner_points: np.ndarray, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, QuadraticFacets | None]:
-    """Flat facets and a point behind each, in an order independent of ranks.
+    """Flat facets and an inner point of each, in an order independent of ranks.
 
     Facets of second order that they form.
     """

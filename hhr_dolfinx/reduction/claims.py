@@ -118,7 +118,7 @@ BOUNDED = {
 }
 """Attributes of estimates, by their names in messages.
 
-``_relative`` stands behind those of relative ones.
+Those of relative errors end in ``_relative``.
 """
 
 

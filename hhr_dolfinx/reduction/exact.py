@@ -80,7 +80,7 @@ def exact_condensation(
     Args:
         full: the full model; on one rank where contact alone holds bodies.
         known: statuses of the training points, (S, N_lambda).
-        field: compute the displacement with each answer; without it only when it is asked for, and
+        field: compute the displacement with each answer; without it only on request, and
             a query costs less.
 
     Raises:
@@ -114,7 +114,7 @@ def exact_condensation(
             "of this scene at one point or more: snapshots.known_statuses()"
         )
     free = rows.whole(full.per_load)
-    # only with the field is it known how far bodies moved that contact holds
+    # only the field gives the motions of bodies that contact alone holds
     has_columns = full.keeps_columns and rows.all_here
     field = (field and has_columns) or floats
     responses = Responses(

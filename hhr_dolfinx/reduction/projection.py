@@ -67,15 +67,15 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
 
     rows = problem.contact[sets.A_lambda]
 
-    def moved(dofs: np.ndarray) -> np.ndarray:
+    def rows_times_modes(dofs: np.ndarray) -> np.ndarray:
         """The rows times the modes on some dofs alone, (m, ell)."""
         local = shared.mine(dofs)
         return shared.sum(rows[:, local + problem.first] @ basis[local])
 
     reduced = ReducedProblem(
         stiffness=stiffness,
-        contact_test=moved(sets.A_c),
-        contact_trial=moved(sets.A_c_tilde),
+        contact_test=rows_times_modes(sets.A_c),
+        contact_trial=rows_times_modes(sets.A_c_tilde),
         loads=loads,
         gaps=problem.gaps[sets.A_lambda] + 0.0,  # files keep zeros with a sign
         pairs=problem.contact_pairs[sets.A_lambda],

@@ -507,8 +507,8 @@ def _prolonged(problem: ContactProblem, basis: np.ndarray) -> np.ndarray:
     """
     rows = problem.spread
     prolonged = problem.prolonged(basis)
-    moved = rows.largest(np.abs(prolonged - basis).max(axis=1, initial=0.0))[1]
-    return rows.orthonormal(prolonged)[0] if moved > MODE_ROUND_OFF else prolonged
+    change = rows.largest(np.abs(prolonged - basis).max(axis=1, initial=0.0))[1]
+    return rows.orthonormal(prolonged)[0] if change > MODE_ROUND_OFF else prolonged
 
 
 def basis_of(step: Basis, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:

@@ -355,7 +355,7 @@ class Queries(Protocol):
     def __len__(self) -> int:
         """Number of queries."""
 
-    def asked(self) -> list[str | np.ndarray]:
+    def request(self) -> list[str | np.ndarray]:
         """Words and values, which must be the same on all ranks that share them."""
 
     def part(self, numbers: Sequence[int]) -> Queries:
@@ -417,7 +417,7 @@ class SingleParameters:
     def __len__(self) -> int:
         return len(self.values)
 
-    def asked(self) -> list[str | np.ndarray]:
+    def request(self) -> list[str | np.ndarray]:
         """See :class:`Queries`."""
         return [f"{len(self.values)} points", np.array(self.values, dtype=float)]
 
@@ -428,7 +428,7 @@ class SingleParameters:
     def solved(self, solver: SnapshotSolver) -> SnapshotSet | None:
         """See :class:`Queries`."""
         full = solver.full
-        full.group.agreed("snapshots", self.asked)
+        full.group.agreed("snapshots", self.request)
         full.problem.require_no_memory("a set of snapshots at single parameters")
         with full.group.together("solving for snapshots"):
             answers = list(self._answers(solver))
@@ -505,7 +505,7 @@ def spread_snapshots(
     if full.group.size > 1:
         return compute_snapshots(full, queries, progress, store, settings, lost)
     checked = queries_of(full.parameters, queries)
-    group.agreed("a training", checked.asked)
+    group.agreed("a training", checked.request)
     local: SnapshotSet | None = None
     with group.each("solving for snapshots"):
         # consecutive queries on one rank, so that each one starts from a near solution

@@ -183,7 +183,7 @@ REFUSED = [
     ),
     (
         lambda: hhr.Displacement(1, (0, 1)),
-        r"component \(0, 1\) of the displacement on tag 1 .* of its own",
+        r"component \(0, 1\) of the displacement on tag 1 .* one Displacement for each",
     ),
     (lambda: hhr.Displacement(1, 0.5), r"component 0\.5 of the displacement on tag 1"),
     (

@@ -180,7 +180,7 @@ def test_a_mesh_on_another_communicator():
     own = dataclasses.replace(changed(), geometry=lambda _: changed().geometry(MPI.COMM_SELF))
     with pytest.raises(
         SceneError,
-        match=r"spread over 1 ranks and was asked for on 2: .* on the communicator it is given",
+        match=r"spread over 1 ranks and was requested on 2: .* on the communicator it is given",
     ):
         build_geometry(own, SimpleNamespace(size=2, comm=MPI.COMM_SELF))
 

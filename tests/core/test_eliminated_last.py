@@ -182,13 +182,13 @@ def test_an_answer_is_completed_after_another_point_was_factored():
     alone, contacts = full.solve(first), full.contacts()
     contact, _ = contacts(first), contacts(second)
     full.solve(second)
-    pushed = contact.pushed(alone.multipliers)
+    response = contact.response_to_forces(alone.multipliers)
     check_like(full.solve(first), alone, displacement=1e-12)
     problem = full.problem.at(first)
     free = problem.held
     exact, load = np.zeros(len(free)), problem.contact.T @ alone.multipliers
     exact[free] = np.linalg.solve(problem.stiffness[free][:, free].toarray(), load[free])
-    assert largest_difference(pushed, exact) < 1e-9
+    assert largest_difference(response, exact) < 1e-9
 
 
 def test_compressed_factors_beside_others_leave_the_schur_complement():

@@ -334,10 +334,10 @@ def test_plane_stress_of_any_linear_law_has_no_stress_across():
     [
         ({"stress": 3.0}, "the stress 3.0 must be a function of the strain"),
         pytest.param(
-            {"law": Bingham(1.0, 1.0)}, "a stress of its own, and a law", marks=needs("inelastic")
+            {"law": Bingham(1.0, 1.0)}, "a user-defined stress, and a law", marks=needs("inelastic")
         ),
-        ({"grading": lambda x: 1 + x[0]}, "a stress of its own, and a law, a grading"),
-        ({"young": "push + 1"}, "a stress of its own, and a law, a grading or formulas"),
+        ({"grading": lambda x: 1 + x[0]}, "a user-defined stress, and a law, a grading"),
+        ({"young": "push + 1"}, "a user-defined stress, and a law, a grading or formulas"),
     ],
 )
 def test_what_is_not_built_in_is_refused(change, message):

@@ -422,7 +422,7 @@ def test_names_in_a_scene_whose_mesh_has_none():
         your_scene.scene(), geometry=lambda comm: tuple(hhr.MeshFile(your_scene.MESH)(comm))
     )
     with pytest.raises(
-        SceneError, match="no surface of the mesh has a name, and 'clamp' is asked for"
+        SceneError, match="no surface of the mesh has a name, and 'clamp' is requested"
     ):
         hhr.FullOrderModel(scene)
 

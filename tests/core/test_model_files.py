@@ -383,7 +383,7 @@ def test_threads_ask_one_model(models):
 
 
 # ---------------------------------------------------------------- a user's own laws and amplitudes;
-# what stays behind
+# what is left out
 
 
 def with_law(model, law):
@@ -477,7 +477,7 @@ def test_an_indicator_stays_behind_and_is_warned_of(models, tmp_path):
     assert estimating.solve(point, outside="ignore").estimate() == Estimate.indicated(0.5)
     other = model.changed(fields=replace(model.fields, indicator=lambda answer: 0.1))
     for one in (estimating, hhr.LocalModels([model, other, local.models[2]], local.choice)):
-        with pytest.warns(ModelFileWarning, match="indicator stays behind") as caught:
+        with pytest.warns(ModelFileWarning, match="indicator is left out") as caught:
             hhr.save_model(tmp_path / "model.npz", one)
         assert caught[0].filename == __file__
     hhr.save_model(tmp_path / "model.npz", estimating.for_file())
@@ -842,7 +842,7 @@ REFUSED = {
             entry("fields.flow.elastic", (0, 0, 0), 0.0),
         ),
         ("groups must hold the points", entry(f"{GROUPS}.0.indices", 0, 1)),
-        ("one behind another", array(f"{GROUPS}.1.indices", lambda a: a[::-1].copy())),
+        ("one after another", array(f"{GROUPS}.1.indices", lambda a: a[::-1].copy())),
         ("groups must hold", array(f"{GROUPS}.1.indices", lambda a: a[:-1])),
         ("schur is not symmetric", entry("flow.schur", (0, 0, 1), 3.0)),
         ("schur is not positive definite", entry("flow.schur", (0, 2, 2), -1.0)),

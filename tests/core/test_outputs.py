@@ -40,7 +40,7 @@ if present("stress"):
         hhr.ElasticEnergy("energy"),
     )
     WRONG_STRESSES = [
-        (hhr.VonMises("a", 77), "output 'a': the cell tag 77 is none of the bodies"),
+        (hhr.VonMises("a", 77), "output 'a': the cell tag 77 is not among the bodies"),
         (
             hhr.VonMises("a", geometry.PELLET, where=((9.0, 9.0), (9.5, 9.5))),
             "no cell of body .* enlarge the box",

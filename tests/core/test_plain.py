@@ -153,7 +153,7 @@ def test_a_value_comes_back_from_a_file(value, tmp_path):
 def test_what_changes_its_own_arrays_is_refused_and_left_alone():
     value = Doubled(np.ones(3))
     with pytest.raises(
-        FileContentError, match=r"made of its own fields is another Doubled.*__post_init__"
+        FileContentError, match=r"rebuilt from its fields is another Doubled.*__post_init__"
     ):
         as_plain(value)
     assert np.all(value.table == 2)

@@ -51,7 +51,7 @@ class CondensedContact:
         np.ndarray
     )  #: the unknown without contact forces, (n,); empty if fields are computed on request
     #: response of the unknown to contact forces, K^-1 B^T forces: (m,) or (m, k) to (n,) or (n, k)
-    pushed: Callable[[np.ndarray], np.ndarray]
+    response_to_forces: Callable[[np.ndarray], np.ndarray]
     #: maps forces and unknown to derivatives along the parameters at fixed forces: of the slack,
     #: (m, P), and of the unknown, (n, P)
     at_fixed_forces: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -64,7 +64,7 @@ class CondensedContact:
 
     def unknown(self, forces: np.ndarray) -> np.ndarray:
         """The primal unknown under contact forces, (n,)."""
-        return self.free - self.pushed(forces)
+        return self.free - self.response_to_forces(forces)
 
     @cached_property
     def equalities(self) -> SchurEqualities:
@@ -174,7 +174,10 @@ def differentiated(contact: CondensedContact, answer: Answer) -> Answer:
     of_slack, of_unknown = contact.at_fixed_forces(forces, answer.unknown)
     changes, opened = contact.equalities.several(active, of_slack)
     gradient = Gradient(
-        of_unknown - contact.pushed(changes), changes, grazing(active, forces, slack), opened
+        of_unknown - contact.response_to_forces(changes),
+        changes,
+        grazing(active, forces, slack),
+        opened,
     )
     return answer._replace(gradient=gradient)
 

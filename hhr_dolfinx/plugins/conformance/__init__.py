@@ -1,4 +1,4 @@
-"""Conformance: checks that hold a part of your own to the contract of its seam."""
+"""Conformance: checks that a user-defined part fulfils the contract of its seam."""
 
 from hhr_dolfinx.registry import Plugin
 

@@ -186,7 +186,7 @@ FAILED_CHECKS = {
         "`contact.unknown(forces)`"
     ),
     "no gradient": (
-        "a gradient is asked for and there is none: return it, or refuse it by NotOfferedError"
+        "a gradient is requested and missing: return it, or refuse it by NotOfferedError"
     ),
     "condensed law": (
         "a condensed model has other histories than the full one: read S and the free slack alone"
@@ -725,12 +725,12 @@ def _check_projection(
         )
     }
     _require(sizes == {forces.size}, "range size", forces.size)
-    moved = np.abs(forces).max() * random.standard_normal(forces.size)
-    second = step.linearised(forces + moved, slack + moved / stiffness, stiffness, 1)
+    perturbation = np.abs(forces).max() * random.standard_normal(forces.size)
+    second = step.linearised(forces + perturbation, slack + perturbation / stiffness, stiffness, 1)
     projected = forces - first.off
-    _require(_near(forces + moved - second.off, projected, TESTED_ROUND_OFF), "projection")
+    _require(_near(forces + perturbation - second.off, projected, TESTED_ROUND_OFF), "projection")
     if monotone:
-        for way in np.diag(moved):
+        for way in np.diag(perturbation):
             change = projected - (
                 forces - step.linearised(forces, slack + way / stiffness, stiffness, 1).off
             )

@@ -124,7 +124,7 @@ class SceneDraft:
         obstacles: further pairings.
         varied: further parameters.
         loads, openings, displacements, constraints, shapes, outputs: further parts of the scene.
-        held: True if the upper block is pushed down by a displacement, False by a pressure.
+        held: True if a displacement presses the upper block down, False if a pressure does.
         system: see :class:`~hhr_dolfinx.scene.Scene`.
         meshed: makes another geometry of that of the two blocks.
         remade: makes another scene of the finished one, such as one with a stiffness of another

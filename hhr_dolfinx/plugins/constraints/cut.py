@@ -47,7 +47,7 @@ class CutMesh(MeshFile):
 
 
 def cut(raw: RawMesh, name: str) -> RawMesh:
-    """The mesh in which cells on the upper side of a section have nodes of their own.
+    """The mesh in which cells on the upper side of a section have separate nodes.
 
     Args:
         raw: the mesh.
@@ -131,5 +131,7 @@ def _turned(raw: RawMesh, facets: np.ndarray, upper: np.ndarray, numbers: np.nda
         [raw.cells[np.ix_(upper, face)] for face in map(list, FACES[raw.kind])]
     )
     upper_sides = {tuple(sorted(row)) for row in upper_facets.tolist()}
-    moved = np.array([tuple(sorted(row)) in upper_sides for row in facets.tolist()], dtype=bool)
-    return np.where(moved[:, None], numbers[facets], facets) if len(facets) else facets
+    on_upper_side = np.array(
+        [tuple(sorted(row)) in upper_sides for row in facets.tolist()], dtype=bool
+    )
+    return np.where(on_upper_side[:, None], numbers[facets], facets) if len(facets) else facets

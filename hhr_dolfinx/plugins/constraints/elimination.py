@@ -225,7 +225,7 @@ def _decided(
     free: np.ndarray,
     imposed: Sequence[Term],
 ) -> list[tuple[Amplitude, ConstraintEquations]]:
-    """Constraints in which loose equations determine dofs of their own, without those that others
+    """Constraints in which loose equations determine different dofs, without equations that others
     imply.
     """
     if not any(equations.loose for _, equations in found):
@@ -270,8 +270,8 @@ def _check_kept(
     ``size`` is that of all right-hand sides of their constraints: a normal has components of
     round-off, and products of rows cancel.
     """
-    moved = [Term(term.amplitude, csc_matrix(rows @ term.columns)) for term in imposed]
-    terms = Terms(scene.parameters, sides=[*values, *moved])
+    imposed_sides = [Term(term.amplitude, csc_matrix(rows @ term.columns)) for term in imposed]
+    terms = Terms(scene.parameters, sides=[*values, *imposed_sides])
     amplitudes = terms.amplitudes()
     sides = terms.columns("sides", rows.shape[0])
     sizes = [abs(rows) @ abs(term.columns) for term in imposed]

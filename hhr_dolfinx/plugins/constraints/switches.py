@@ -126,7 +126,7 @@ def sectioned(geometry: Geometry) -> Geometry:
 
 
 def gmsh_text(mesh: dmesh.Mesh, cells: dmesh.MeshTags, facets: dmesh.MeshTags) -> str:
-    """Text of a file of gmsh, version 2.2, with the section as a surface of its own.
+    """Text of a file of gmsh, version 2.2, with the section as a separate surface.
 
     Args:
         mesh: the mesh.

@@ -23,7 +23,7 @@ from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.warn import warn
 
 TIED_MOTION = 1e-6
-"""Part of a relative motion of two bodies, which is 1, that is none."""
+"""Largest coefficient of a relative motion that counts as zero; that of free nodes is 1."""
 
 
 def without_tied(
@@ -63,7 +63,7 @@ def without_tied(
             f"{alone.size} nodes of contact {pair} of {tuple(scene.contacts[pair].tags)} with "
             f"the area {rows.areas[alone].sum():.3g} are tied to its other surface, and their "
             "neighbours too: the tie bears their force, which the forces and areas of the contact "
-            "leave out. Let the tie and the contact have surfaces of their own",
+            "leave out. Give the tie and the contact separate surfaces",
             SceneWarning,
         )
     weights = csr_matrix((np.ones(untied.size), (untied, untied)), shape=(m, m))
@@ -81,13 +81,13 @@ def without_tied(
     # the gap of a tied node is closed, whatever the mesh has there
     closed = np.ones(m)
     closed[tied] = 0.0
-    taken = replace(
+    remaining = replace(
         rows.take(untied),
         matrix=csr_matrix(mean @ rows.matrix),
         gap=mean @ (closed * rows.gap),
         areas=areas,
     )
-    return taken, pairs[untied], mean @ (closed[:, None] * opened)
+    return remaining, pairs[untied], mean @ (closed[:, None] * opened)
 
 
 def _tied(cell_nodes: np.ndarray, prolongation: Prolongation, rows: ContactRows) -> np.ndarray:

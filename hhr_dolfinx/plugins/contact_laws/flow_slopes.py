@@ -77,15 +77,20 @@ class RangeSlopes:
                 kinks[rows] = step.grazing(*at, CHANGING_STATUS * np.abs(at[0]).max(initial=0.0))
             if loose is not None:
                 off[forces.size :] = loose.modes.T @ residual
-            pushed, moved = np.split(ranges.solved(linearisations, off), [forces.size])
-            opened = of_slack + ranges.schur @ pushed - ranges.motions @ moved
+            force_slopes, motion_slopes = np.split(
+                ranges.solved(linearisations, off), [forces.size]
+            )
+            opened = of_slack + ranges.schur @ force_slopes - ranges.motions @ motion_slopes
             changes = self._changes.copy()
             for rows, step in zip(laws.rows, steps, strict=True):
                 changes[rows] = step.carried(
-                    self._changes[rows], pushed[rows], opened[rows], answer.active[rows]
+                    self._changes[rows], force_slopes[rows], opened[rows], answer.active[rows]
                 )
             self._changes, self._memory = changes, answer.memory
-            unknown = free - columnwise(linear.push, pushed)
+            unknown = free - columnwise(linear.push, force_slopes)
             return ContactChange(
-                unknown if loose is None else unknown + loose.modes @ moved, pushed, opened, kinks
+                unknown if loose is None else unknown + loose.modes @ motion_slopes,
+                force_slopes,
+                opened,
+                kinks,
             )

@@ -34,7 +34,7 @@ GRADIENT_TOLERANCE = 1e-2
 if they converge.
 """
 MOST_INCREMENTS = 2048
-"""Increments to a single parameter above which no more are taken."""
+"""Largest number of increments to a single parameter."""
 CUTS = 12
 """Largest number of times that a step is halved to meet a tolerance."""
 PATH_GRADIENT_NOTE = (

@@ -275,7 +275,7 @@ class RangesIncrements:
             changes[rows] = step.carried(
                 before.changes[rows], forces[rows], slack[rows], found.active[rows]
             )
-        of_unknown = of_unknown - contact.pushed(forces)
+        of_unknown = of_unknown - contact.response_to_forces(forces)
         if contact.kernel is not None:
             of_unknown = of_unknown + contact.kernel.modes @ motions
         return Gradient(of_unknown, forces, kinks, slack, note=PATH_GRADIENT_NOTE), changes

@@ -1,7 +1,7 @@
 """Several laws on ranges of rows of one condensed contact problem, slack = free slack + S x, solved
 together.
 
-A law relates the forces x and the slacks s of its own rows. Its residual is x less a projection of
+A law relates the forces x and the slacks s of its rows. Its residual is x less a projection of
 x - c s, and at any iterate it gives rows P x' + Q s' = r for the next one. One semi-smooth Newton
 method solves the rows of all ranges, and the balance of bodies that contact alone holds. If it does
 not converge, projections x <- projection of x - c s with c < 2 / |S| precede it. For monotone laws,

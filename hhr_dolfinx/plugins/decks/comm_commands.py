@@ -197,7 +197,7 @@ class _Names:
         return None
 
     def _inner(self, node: ast.AST) -> object:
-        """Value of an argument: a command in the place of its name is one of the file, and other
+        """Value of an argument: a command instead of its name is one of the file, and other
         calls are unknown.
         """
         value = self.value(node)

@@ -166,7 +166,7 @@ class FebNumbers:
         return number * factor if isinstance(factor, float) else None
 
     def why_not(self, item: Item) -> str:
-        """Reason why the number of an item is not read; empty if it is read, or is none."""
+        """Reason why the number of an item is not read; empty if nothing prevents it."""
         factor = self._factor(item.attributes["lc"]) if "lc" in item.attributes else 1.0
         return factor if isinstance(factor, str) else ""
 

@@ -208,7 +208,7 @@ _OF_CONTACT = {
                 "CONSTRAINTS|TRACKING|MINIMUM DISTANCE|DEVPATH",
             ),
             ADJUST=(
-                "no nodes are moved here: gaps and overlaps are those of the mesh, see hhr check. "
+                "no node moves here: gaps and overlaps are those of the mesh, see hhr check. "
                 "hhr.Opening(CONTACT, 0.0, overwrites=True) closes gaps"
             ),
             GEOMETRIC_CORRECTION="surfaces are those of the mesh",
@@ -226,7 +226,7 @@ _OF_CONTACT = {
             "PRESSURE-OVERCLOSURE=*": "contact is hard here, surfaces do not overlap",
             "PRESSURE-OVERCLOSURE=TIED": (
                 "surfaces touch and may open and slide here: write hhr.Tie(SLAVE, MASTER) in "
-                "constraints in the place of the pair"
+                "constraints instead of the pair"
             ),
             "NO SEPARATION": (
                 "surfaces that touch may open here. hhr.Tie(SLAVE, MASTER) in constraints holds "

@@ -123,9 +123,14 @@ class ExactDifference(Rebuilt):
             yield "directions of unit energy of its estimate are not one more than another"
 
     @property
+    def rigid_motions(self) -> int:
+        """Number of rigid motions of bodies that contact alone holds."""
+        return self.taken.shape[1]
+
+    @property
     def together(self) -> int:
         """See :class:`~hhr_dolfinx.models.bound.Bound`."""
-        return 1 if self.taken.shape[1] else 1024
+        return 1 if self.rigid_motions else 1024
 
     @cached_property
     def lower(self) -> np.ndarray:
@@ -196,7 +201,7 @@ class ExactDifference(Rebuilt):
         if self.kept is None or not self.kept.shape[1]:
             return np.zeros(len(exact))
         remainder = pressed - (pressed @ self.kept) @ self.kept.T
-        if not self.taken.shape[1]:
+        if not self.rigid_motions:
             return lengths(remainder, remainder)
         # S is less than what L is the factor of
         return self.size(solve_triangular(self.lower, remainder.T, lower=True, trans="T").T)
@@ -255,7 +260,7 @@ class DifferenceThere:
 
     def _exact(self, forces: np.ndarray) -> Exact:
         owner = self.owner
-        if not owner.taken.shape[1]:
+        if not owner.rigid_motions:
             solution, settled = owner.response.settled(forces, self.free)
             return Exact(solution, np.zeros((len(solution), 0)), settled)
         from hhr_dolfinx.plugins.floating.statuses import floating_set
@@ -287,7 +292,7 @@ class DifferenceThere:
         owner = self.owner
         exact = self.exact(forces[None]).forces[0]
         free = owner.free_slack @ of_theta
-        if owner.taken.shape[1]:
+        if owner.rigid_motions:
             pressing, _, motions = owner.floating.several(exact > 0, free, owner.driving @ of_theta)
             return pressing, motions
         motions = np.zeros((0, of_theta.shape[1]))
@@ -332,7 +337,7 @@ class DifferenceThere:
             (energy + CANCELLED * (parts + lengths(lifted, lifted)), of_exact + of_returned)
         )
         sizes = np.vstack((energy, of_exact))
-        if owner.taken.shape[1]:
+        if owner.rigid_motions:
             # the energy of the self-balancing part of forces: that of the rest would depend on the
             # pins
             sizes[1] = owner.size(exact - (exact @ owner.balancing) @ owner.balancing.T)

@@ -104,5 +104,5 @@ class FieldResponseWithin:
     def _along_motions(self) -> tuple[np.ndarray, np.ndarray]:
         """Components of columns and loads along the rigid motions, (r, c) and (r, k)."""
         bound: Any = self.fields.bound
-        motions = self.fields.basis[:, -bound.taken.shape[1] :].T
+        motions = self.fields.basis[:, -bound.rigid_motions :].T
         return motions @ self.fields.basis, motions @ self.response.loaded

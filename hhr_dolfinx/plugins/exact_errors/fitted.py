@@ -181,7 +181,7 @@ class FittedForces:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Forces, derivatives and statuses of all conditions.
 
-        A pressure within the error of the fit is none.
+        A pressure within the error of the fit counts as zero.
         """
         forces = self._fitted(inside)
         slopes = self._fitted(changes)

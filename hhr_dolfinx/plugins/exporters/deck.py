@@ -68,7 +68,7 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
         "K is that of a user's system": scene.system is not None,
         "shapes depend on parameters": bool(scene.shapes),
         "bodies are graded": any(body.grading is not None for body in scene.bodies),
-        "bodies have a stress of their own": any(map(scene.states_stress, scene.bodies)),
+        "bodies have a user-defined stress": any(map(scene.states_stress, scene.bodies)),
         "a surface meets a rigid obstacle": any(
             len(contact.tags) == 1 for contact in scene.contacts
         ),

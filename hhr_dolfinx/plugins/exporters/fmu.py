@@ -75,7 +75,7 @@ def _check_names(tree: Tree) -> None:
     names = ["time", *tree["names"], *(output["name"] for output in tree["outputs"])]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise NotOfferedError(
-            f"variables of a unit have names of their own, and {twice} are there twice: rename them"
+            f"variables of a unit need different names, and {twice} are there twice: rename them"
         )
     words = names + [output["unit"] for output in tree["outputs"]]
     if odd := [word for word in words if word and not word.isprintable()]:

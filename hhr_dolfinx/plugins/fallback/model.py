@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-FULL_SOLVE_MESSAGE = "the full model is asked: %s"
+FULL_SOLVE_MESSAGE = "the full model answers: %s"
 """Message of the log, with the estimated error."""
 SAME_PROBLEM = 1e-5
 """Relative difference of gaps and S up to which two models are of one scene: S may be
@@ -364,7 +364,7 @@ def _check_same_law(reduced: AnsweringModel, full: FullOrderModel) -> None:
     """Raise ReductionError unless a reduced model with a law was built from this full model."""
     interface = reduced.fields.interface
     if full.law.plugins != interface.whole.plugins or full.equilibrium is not None:
-        unlike = "bodies that flow" if full.equilibrium is not None else full.law.name
+        unlike = "inelastic bodies" if full.equilibrium is not None else full.law.name
         raise ReductionError(f"the full model has {unlike}, unlike the reduced one{_remedy(full)}")
     if differences := interface.differences(full.problem):
         raise ReductionError(

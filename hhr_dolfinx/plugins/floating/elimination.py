@@ -84,7 +84,7 @@ class Floating:
         of_slack, of_unknown = contact.at_fixed_forces(statuses.forces, unknown)
         driven = self.drift(statuses.forces, unknown)
         changes, opened, of_motions = equalities.several(statuses.active, of_slack, driven)
-        of_unknown = of_unknown - contact.pushed(changes) + self.modes @ of_motions
+        of_unknown = of_unknown - contact.response_to_forces(changes) + self.modes @ of_motions
         return answer._replace(
             gradient=Gradient(
                 of_unknown, changes, grazing(statuses.active, statuses.forces, slack), opened

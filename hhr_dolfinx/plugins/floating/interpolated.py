@@ -71,9 +71,13 @@ class MotionsBeside(Rebuilt, Elimination):
         kernel: CondensedKernel = Floating(
             equalities, self.driving @ amplitudes(point), modes, drift
         )
-        pushed = partial(_nothing, count)
+        response = partial(_nothing, count)
         return replace(
-            contact, free=np.zeros(count), pushed=pushed, at_fixed_forces=changes, kernel=kernel
+            contact,
+            free=np.zeros(count),
+            response_to_forces=response,
+            at_fixed_forces=changes,
+            kernel=kernel,
         )
 
 

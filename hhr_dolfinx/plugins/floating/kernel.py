@@ -259,9 +259,11 @@ class RigidKernel:
             problem: contact problem of the full model.
             responses: responses of the pinned bodies.
         """
-        taken = problem.contact @ self.motions
+        contact_of_motions = problem.contact @ self.motions
         driving = self.motions.T @ problem.loads
-        return FloatingElimination(responses, taken, driving, self.motions, problem.amplitudes)
+        return FloatingElimination(
+            responses, contact_of_motions, driving, self.motions, problem.amplitudes
+        )
 
     def beside(self, eliminated: Elimination) -> MotionsBeside:
         """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""

@@ -344,13 +344,13 @@ class ForeignDiscretisation(Discretisation):
         return self._displacements()[1]
 
     def _displacements(self) -> tuple[list[Term], np.ndarray]:
-        """See :class:`Discretisation`; dofs that K lacks are not free, and cannot be moved."""
+        """See :class:`Discretisation`; dofs that K lacks are not free, and cannot be displaced."""
         terms, free = super()._displacements()
         lost = ~self.parts.known
         for term in terms:
-            moved = csc_matrix(term.columns).tocoo().row
-            if lost[moved].any():
-                dof = moved[lost[moved]][0]
+            imposed = csc_matrix(term.columns).tocoo().row
+            if lost[imposed].any():
+                dof = imposed[lost[imposed]][0]
                 raise SceneError(
                     f"a displacement of scene '{self.scene.name}' moves "
                     f"{self.parts.described(dof)}, and K does not "

@@ -108,8 +108,8 @@ def _faces(made: Discretisation, tag: Tag) -> Faces:
     surface = made.surface(tag)
     facets = surface.nodes[surface.facets]
     facets = facets[:, CIRCULAR] if facets.shape[1] == 4 else facets
-    behind = surface.corners.mean(axis=1) - surface.depths[:, None] * surface.outward
-    return Faces((facets.astype(np.int64),), (behind,))
+    inner = surface.corners.mean(axis=1) - surface.depths[:, None] * surface.outward
+    return Faces((facets.astype(np.int64),), (inner,))
 
 
 def _case(matrix: ForeignMatrix, nodes: ForeignNodes) -> SolvedCase:
@@ -136,14 +136,14 @@ def _case(matrix: ForeignMatrix, nodes: ForeignNodes) -> SolvedCase:
     dofs = (3 * free[:, None] + np.arange(3)).ravel()
     forces = np.zeros(3 * len(points))
     forces[3 * node : 3 * node + 3] = 1.0
-    moved = np.zeros(3 * len(points))
-    moved[dofs] = splu(matrix.matrix[dofs][:, dofs].tocsc()).solve(forces[dofs])
+    displacement = np.zeros(3 * len(points))
+    displacement[dofs] = splu(matrix.matrix[dofs][:, dofs].tocsc()).solve(forces[dofs])
     labels = nodes.labels.tolist()
     return SolvedCase(
         {labels[node]: (1.0, 1.0, 1.0)},
         {
             label: (x, y, z)
-            for label, (x, y, z) in zip(labels, moved.reshape(-1, 3).tolist(), strict=True)
+            for label, (x, y, z) in zip(labels, displacement.reshape(-1, 3).tolist(), strict=True)
         },
         frozenset((labels[k], direction) for k in ends for direction in (1, 2, 3)),
         tolerance=1e-8,

@@ -44,7 +44,7 @@ class Faces:
 
     Attributes:
         nodes: indices of the nodes of the faces of each group, (f, k) each, k = 3, 4, 6 or 8.
-        inner: a point behind each face, (f, 3) each.
+        inner: an inner point of each face, on the side of the body, (f, 3) each.
     """
 
     nodes: tuple[np.ndarray, ...]
@@ -52,11 +52,11 @@ class Faces:
 
     @classmethod
     def of(cls, rows: Sequence[Sequence[int]], inner: Sequence[np.ndarray]) -> Faces:
-        """Faces from the nodes of each, and a point behind each.
+        """Faces from the nodes and an inner point of each.
 
         Args:
             rows: nodes of each face.
-            inner: point behind each face, (3,).
+            inner: inner point of each face, (3,).
         """
         counts = sorted({len(row) for row in rows})
         indices_by_count = [
@@ -79,7 +79,7 @@ class Faces:
         return Faces(tuple(group + first for group in self.nodes), self.inner)
 
     def flat(self) -> tuple[np.ndarray, np.ndarray]:
-        """Flat facets, (f, 3) or (f, 4), and a point behind each, (f, 3).
+        """Flat facets, (f, 3) or (f, 4), and an inner point of each, (f, 3).
 
         Faces are quadrilaterals if all of them are, otherwise triangles between all nodes.
         """
@@ -89,8 +89,8 @@ class Faces:
             group[:, list(corners)] for group in self.nodes for corners in PARTS[group.shape[1]]
         ]
         inner = [
-            behind
-            for group, behind in zip(self.nodes, self.inner, strict=True)
+            inner_points
+            for group, inner_points in zip(self.nodes, self.inner, strict=True)
             for _ in PARTS[group.shape[1]]
         ]
         return np.concatenate(facets), np.concatenate(inner)
@@ -109,13 +109,15 @@ class Faces:
             traction: force per area.
         """
         forces = np.zeros(points.shape)
-        for group, behind in zip(self.nodes, self.inner, strict=True):
+        for group, inner_points in zip(self.nodes, self.inner, strict=True):
             for weights, values, slopes in _rule(group.shape[1]):
                 corners = points[group]
                 along = np.einsum("ka,fkd->fad", slopes, corners)
                 normal = np.cross(along[:, 0], along[:, 1])
                 if traction is None:
-                    outward = np.sign(np.einsum("fd,fd->f", normal, corners.mean(axis=1) - behind))
+                    outward = np.sign(
+                        np.einsum("fd,fd->f", normal, corners.mean(axis=1) - inner_points)
+                    )
                     pull = -normal * outward[:, None]
                 else:
                     pull = np.linalg.norm(normal, axis=1)[:, None] * traction
@@ -168,7 +170,7 @@ def outer_faces(elements: Sequence[Sequence[int]], points: np.ndarray) -> Faces:
 def joined_faces(parts: Sequence[Faces]) -> Faces:
     """All faces of several groups."""
     rows = list(chain.from_iterable(group.tolist() for faces in parts for group in faces.nodes))
-    return Faces.of(rows, [behind for faces in parts for group in faces.inner for behind in group])
+    return Faces.of(rows, [point for faces in parts for group in faces.inner for point in group])
 
 
 def _rule(count: int) -> list[tuple[float, np.ndarray, np.ndarray]]:

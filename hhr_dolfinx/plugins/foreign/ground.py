@@ -30,8 +30,7 @@ class NodesToGround(KnownArguments):
         gap: distance of the ground, or of each node, (n,).
         plane: offset of a plane n·x = plane, n of length 1, whose distances are added to the gaps;
             None for none.
-        area: tributary area of each node, (n,), or of all; 1 gives forces in the place of
-            pressures.
+        area: tributary area of each node, (n,), or of all; 1 gives forces instead of pressures.
         friction: coefficient of friction, a formula, or a law; None without.
         law: any law of a plug-in in addition to unilateral contact; None without.
     """

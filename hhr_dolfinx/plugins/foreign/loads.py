@@ -123,7 +123,7 @@ def read_load(path: Path) -> dict[tuple[int, int], float]:
 
     Raises:
         FileError: without the file.
-        FileContentError: for a line that is none.
+        FileContentError: for a line of another form.
     """
     if not path.is_file():
         raise FileError(f"there is no load vector {path}")

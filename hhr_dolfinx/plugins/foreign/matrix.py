@@ -114,7 +114,7 @@ def checked_matrix(found: ForeignMatrix) -> ForeignMatrix:
 
     Raises:
         FileContentError: for a table of dofs of another length, repeated dofs, entries that are not
-            finite, one half in the place of the whole, and diagonal entries that are not positive.
+            finite, one half instead of the whole, and diagonal entries that are not positive.
 
     Warns:
         SceneWarning: of single precision.

@@ -91,7 +91,7 @@ class ForeignNodes:
         by = np.asarray(shift, dtype=float)
 
         def shifted(faces: Faces) -> Faces:
-            return Faces(faces.nodes, tuple(behind + by for behind in faces.inner))
+            return Faces(faces.nodes, tuple(inner_points + by for inner_points in faces.inner))
 
         surfaces = {name: shifted(surface) for name, surface in self.surfaces.items()}
         outer = None if self.outer is None else shifted(self.outer)
@@ -168,8 +168,8 @@ def thin_elements(deck: DeckContents) -> list[str]:
 
 
 def nodes_of_deck(path: Path, results: Path | None = None) -> ForeignNodes:
-    """Nodes, surfaces and sets of a deck, those of the solids of CalculiX in the place of shells
-    and beams.
+    """Nodes, surfaces and sets of a deck, those of the solids of CalculiX instead of shells and
+    beams.
 
     Args:
         path: deck.
@@ -293,14 +293,14 @@ def _faces(
         if not face and solids:
             outer = outer_faces(list(rows.values()), points)
             members = [set(row) for row in solids]
-            for group, behind in zip(outer.nodes, outer.inner, strict=True):
+            for group, inner_points in zip(outer.nodes, outer.inner, strict=True):
                 on_solids = [
                     k
                     for k, row in enumerate(group.tolist())
                     if any(set(row) <= member for member in members)
                 ]
                 selected += group[on_solids].tolist()
-                inner += list(behind[on_solids])
+                inner += list(inner_points[on_solids])
             continue
         side = SIDES.get(face) or (int(face[1:]) if face[1:].isdigit() else 0)
         for row in solids:
@@ -350,7 +350,7 @@ def _named_surfaces(mesh: Any, points: np.ndarray) -> Iterator[tuple[str, Faces]
 def _of_facets(
     mesh: Any, points: np.ndarray, chosen: Sequence[Any] | None = None
 ) -> tuple[list[list[int]], list[np.ndarray]]:
-    """Nodes of flat cells of a mesh, and a point behind each, by the order of its corners."""
+    """Nodes of flat cells of a mesh, and an inner point of each, by the order of its corners."""
     facets: list[list[int]] = []
     inner: list[np.ndarray] = []
     for number, block in enumerate(mesh.cells):

@@ -180,12 +180,14 @@ def _retained(nodes: ForeignNodes, given: ForeignMatrix) -> ForeignNodes:
     def of(faces: Faces) -> Faces | None:
         held = [(number[group] >= 0).all(axis=1) for group in faces.nodes]
         pairs = [
-            (number[group[complete]], behind[complete])
-            for group, behind, complete in zip(faces.nodes, faces.inner, held, strict=True)
+            (number[group[complete]], inner_points[complete])
+            for group, inner_points, complete in zip(faces.nodes, faces.inner, held, strict=True)
             if complete.any()
         ]
         return (
-            Faces(tuple(group for group, _ in pairs), tuple(behind for _, behind in pairs))
+            Faces(
+                tuple(group for group, _ in pairs), tuple(inner_points for _, inner_points in pairs)
+            )
             if pairs
             else None
         )

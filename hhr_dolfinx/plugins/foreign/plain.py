@@ -183,7 +183,7 @@ def table_beside(path: Path) -> Path:
 
 
 def _read(reader: Callable[[Path], _Read], path: Path) -> _Read:
-    """What a reader makes of a file; FileContentError for a damaged one."""
+    """Contents of a file by a reader; FileContentError for a damaged one."""
     try:
         return reader(path)
     except Exception as error:  # readers of SciPy raise many kinds

@@ -225,7 +225,7 @@ def _contact(
     fixed = {name.upper(): surface for name, surface in solids.surfaces.items()}
     sets = {name.upper(): name for name in nodes.sets}
     slave, master = (word.upper() for word in [word for word in rows[0] if word][:2])
-    rub = f", friction={friction!r}" if friction else ""
+    argument = f", friction={friction!r}" if friction else ""
     if master not in {**surfaces, **fixed} or slave not in {**surfaces, **sets}:
         read.left.append(
             f"TODO {where} *CONTACT PAIR {slave}, {master}: no faces of nodes that are there"
@@ -244,12 +244,12 @@ def _contact(
         direction = f"{tuple(normal.tolist())}"
         if slave in surfaces:
             read.contacts.append(
-                f'hhr.Obstacle("{surfaces[slave]}", {direction}, {offset!r}{rub}),  # {where}'
+                f'hhr.Obstacle("{surfaces[slave]}", {direction}, {offset!r}{argument}),  # {where}'
             )
         else:
             read.contacts.append(
                 f'hhr.NodesToGround("{sets[slave]}", {direction}, '
-                f"plane={offset!r}{rub}),  # {where}"
+                f"plane={offset!r}{argument}),  # {where}"
             )
         return
     if slave not in surfaces:
@@ -258,7 +258,9 @@ def _contact(
             "TYPE=ELEMENT"
         )
         return
-    read.contacts.append(f'hhr.Mortar("{surfaces[slave]}", "{surfaces[master]}"{rub}),  # {where}')
+    read.contacts.append(
+        f'hhr.Mortar("{surfaces[slave]}", "{surfaces[master]}"{argument}),  # {where}'
+    )
 
 
 def _plane(nodes: ForeignNodes, faces: Faces) -> tuple[np.ndarray, float] | None:
@@ -270,8 +272,8 @@ def _plane(nodes: ForeignNodes, faces: Faces) -> tuple[np.ndarray, float] | None
     _, sizes, ways = np.linalg.svd(points - middle)
     if sizes[-1] > PLANE_TOLERANCE * sizes[0] + 1e-12 * np.abs(points).max():
         return None
-    behind = np.concatenate(faces.inner).mean(axis=0) - middle
-    normal = ways[-1] * np.sign(ways[-1] @ behind)
+    inwards = np.concatenate(faces.inner).mean(axis=0) - middle
+    normal = ways[-1] * np.sign(ways[-1] @ inwards)
     normal = np.round(normal, 12) + 0.0
     return normal, float(f"{normal @ middle:.12g}")
 

@@ -46,7 +46,7 @@ class ForeignStiffness(KnownArguments):
         names = [block.name for block in blocks]
         if len(set(names)) < len(names):
             raise SceneError(
-                f"blocks of a foreign stiffness have the names {names}: give each a name of its own"
+                f"blocks of a foreign stiffness have the names {names}: give each a different name"
             )
 
     def __call__(self, problem: ContactProblem, middle: Middle, made: Made) -> System:

@@ -1,4 +1,4 @@
-"""Facet ``flow_slopes`` of friction: derivatives of its contacts in histories of bodies that flow,
+"""Facet ``flow_slopes`` of friction: derivatives of its contacts in histories of inelastic bodies,
 step by step.
 
 See :mod:`hhr_dolfinx.plugins.inelastic.history_gradient`. With the consistent tangent of a step its
@@ -85,11 +85,15 @@ class SlidingSlopes:
             opened = linear.slack_of(gaps, free)
             opened[rows] -= self._position
             coefficient, limit = (slope @ way for slope in friction.bound_slopes(answer.parameter))
-            pushed, moved = contact.changes(loads, solution, opened, (coefficient, limit), driving)
-            opened = opened + contact.schur @ pushed - contact.contact_of_motions @ moved
+            force_slopes, motion_slopes = contact.changes(
+                loads, solution, opened, (coefficient, limit), driving
+            )
+            opened = (
+                opened + contact.schur @ force_slopes - contact.contact_of_motions @ motion_slopes
+            )
             opened[answer.active] = 0.0
             self._position = self._position + opened[rows]  # none where contacts stick
             self._slip = answer.memory[SLIP]
-            unknown = free - columnwise(linear.push, pushed)
-            unknown = unknown if loose is None else unknown + loose.modes @ moved
-            return ContactChange(unknown, pushed, opened, contact.grazing(loads, solution))
+            unknown = free - columnwise(linear.push, force_slopes)
+            unknown = unknown if loose is None else unknown + loose.modes @ motion_slopes
+            return ContactChange(unknown, force_slopes, opened, contact.grazing(loads, solution))

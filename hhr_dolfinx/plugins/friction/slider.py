@@ -263,7 +263,7 @@ class Slider:
         )
         slack = slack + self._sliding.schur @ forces - self._sliding.contact_of_motions @ motions
         slack[found.active] = 0.0
-        of_unknown = of_unknown - contact.pushed(forces)
+        of_unknown = of_unknown - contact.response_to_forces(forces)
         if floating is not None:
             of_unknown = of_unknown + floating.modes @ motions
         return Gradient(

@@ -121,7 +121,7 @@ class CondensedFlow:
             len(g.indices) for g in self.groups
         ):
             yield (
-                f"the groups must hold the points 0 .. {self.points.size - 1} once and one behind "
+                f"the groups must hold the points 0 .. {self.points.size - 1} once and one after "
                 "another"
             )
         if len(self.schur) != max(len(self.factors.moduli), 1) or self.factors.middle.size != len(
@@ -132,7 +132,7 @@ class CondensedFlow:
         if not np.array_equal(self.schur, self.schur.transpose(0, 2, 1)):
             yield "schur is not symmetric"
         if (diagonals < 0).any() or not (diagonals.sum(axis=0) > 0).all():
-            yield "schur is not positive definite: a condition has no compliance of its own"
+            yield "schur is not positive definite: a condition has no compliance"
 
     @property
     def components(self) -> int:
@@ -240,12 +240,12 @@ class CondensedEquilibrium(MarchingEquilibrium):
             return contact.solved(self.equalities, slack, active, None), np.zeros(0)
         residual = self.motions.modes @ driving
         # corrections and responses to forces have none of the motions
-        statuses, moved = self.motions.solved(
+        statuses, motion = self.motions.solved(
             contact, slack, residual, lambda _: np.zeros(self.size), active, None
         )
-        return statuses, self.parts_of(moved)[2]
+        return statuses, self.parts_of(motion)[2]
 
-    def pushed(self, contact: StepContact, found: Statuses, slack: np.ndarray) -> np.ndarray:
+    def force_slopes(self, contact: StepContact, found: Statuses, slack: np.ndarray) -> np.ndarray:
         """Derivatives of the last forces by those of the slack, (m, K), at constant loads.
 
         Args:
@@ -545,10 +545,10 @@ class _CondensedLinearisation:
         model = self._model
         if self.motions is not None:
             free = self.solve(residual)
-            solution, moved = self.motions.changed(
+            solution, motion = self.motions.changed(
                 residual[:, None], self.slack_of(gaps, free)[:, None], active
             )
-            return free - self.push(solution[:, 0]) + moved[:, 0], solution[:, 0]
+            return free - self.push(solution[:, 0]) + motion[:, 0], solution[:, 0]
         on = np.flatnonzero(active)
         per_force = (self._tested * model.scale) @ model.flow.per_force[on].T + model.coupled[:, on]
         size = model.modes

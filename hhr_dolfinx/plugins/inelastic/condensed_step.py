@@ -63,7 +63,7 @@ class StepModel(NamedTuple):
     per_force: np.ndarray  #: strain of K^-1 B^T in these moduli, (m, c n)
     scale: np.ndarray  #: factor of the strain of contact forces, (c n,); empty if it is 1
     schur: np.ndarray  #: S, (m, m)
-    moved: np.ndarray  #: B V, (m, ell)
+    contact_of_modes: np.ndarray  #: B V, (m, ell)
     modal: np.ndarray  #: Q, (ell, ell)
     coupled: np.ndarray  #: P, (ell, m)
     ends: np.ndarray  #: last point of each group and one, (G,)
@@ -187,7 +187,7 @@ def touched(model: StepModel, free: np.ndarray, work: WorkArrays) -> bool:
     for i in range(slack.size):
         slack[i] = free[i]
         for j in range(work.there.size):
-            slack[i] -= model.moved[i, j] * work.there[j]
+            slack[i] -= model.contact_of_modes[i, j] * work.there[j]
     arrays = work.inverse, work.order, work.active, work.rows, work.numbers
     return _search(slack, work.forces, model.schur, model.per_force, *arrays)
 
@@ -728,7 +728,7 @@ def _linearise(model: StepModel, load: StepLoad, work: WorkArrays, laws: StepLaw
     inverse = np.empty((count, count))
     for a in range(count):
         for j in range(ell):
-            responses[a, j] = model.moved[work.order[a], j]
+            responses[a, j] = model.contact_of_modes[work.order[a], j]
             coupled[j, a] = model.coupled[j, work.order[a]]
         for b in range(count):
             inverse[a, b] = work.inverse[a, b]

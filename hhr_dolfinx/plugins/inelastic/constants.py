@@ -239,7 +239,7 @@ class _LawsOfScenes:
         named = [name for name in RANGES if isinstance(getattr(body, name), str)]
         if named:
             raise SceneError(
-                f"body {body.tag} has elasticity of its own, {law.name}: its "
+                f"body {body.tag} has the elasticity of its law {law.name}: its "
                 f"{' and '.join(named)} must be a number, since it does not enter"
             )
         if body.grading is not None and (law.memory or law.unknowns):

@@ -1,4 +1,4 @@
-"""Derivatives of contacts in histories of bodies that flow: by a law of interfaces, and of
+"""Derivatives of contacts in histories of inelastic bodies: by a law of interfaces, and of
 unilateral contact.
 
 A law that remembers has them as its facet ``flow_slopes``, a function of an equilibrium and the
@@ -118,11 +118,11 @@ class UnilateralSlopes:
         for residual, gaps in zip(*(derivatives.T for derivatives in right), strict=True):
             dx, forces = linear.changed(residual, gaps, answer.active)
             columns.append((dx, forces, linear.slack_of(gaps, dx)))
-        unknown, pushed, opened = (
+        unknown, force_slopes, opened = (
             np.stack(vectors, axis=1) for vectors in zip(*columns, strict=True)
         )
         return ContactChange(
-            unknown, pushed, opened, grazing(answer.active, answer.multipliers, slack)
+            unknown, force_slopes, opened, grazing(answer.active, answer.multipliers, slack)
         )
 
 

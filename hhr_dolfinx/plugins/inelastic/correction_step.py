@@ -228,7 +228,7 @@ class NewtonStepper(CorrectionStepper):
             at: the trial that was solved last.
         """
         model = self.model
-        forces = model.pushed(load.contact, at.found, -model.flow.moved)
+        forces = model.force_slopes(load.contact, at.found, -model.flow.moved)
         flowing = model.flowing(at.update.tangents)
         pressed = ((flowing * model.scale) @ model.flow.per_force.T + model.coupled) @ forces
         slope: np.ndarray = model.flow.modal - flowing @ model.flow.per_mode.T + pressed

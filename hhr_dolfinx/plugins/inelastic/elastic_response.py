@@ -101,8 +101,8 @@ def _without_motions(
 ) -> tuple[np.ndarray, ...]:
     """Responses of pinned bodies, (N, k) each, made those by K^+, which does not depend on pins.
 
-    Forces are taken less the part that would accelerate the bodies, displacements less their
-    motions. Imposed displacements and strains without stress do no work along motions.
+    The part of forces that would accelerate the bodies is removed, as are the motions in
+    displacements. Imposed displacements and strains without stress do no work along motions.
     """
     problem: ContactProblem = full.problem
     motions = kernel.motions
@@ -158,7 +158,7 @@ def parts_of(problem: ContactProblem) -> tuple[np.ndarray, PartFactors]:
     acting = problem.prolongation.touched(acting.T).T
     if (acting.sum(axis=0) > 1).any():
         raise ReductionError(
-            "bodies that hang together have Young's moduli that vary by themselves, so that K^-1 "
+            "connected bodies have Young's moduli that vary independently, so that K^-1 "
             "is no factor times a constant: give them one formula, or take the hyper-reduced model"
         )
     return acting.argmax(axis=0), PartFactors(

@@ -78,10 +78,10 @@ class Linearisation:
                 def still(forces: np.ndarray) -> np.ndarray:
                     return x + free - self.push(forces)
 
-                statuses, moved = self.motions.solved(
+                statuses, motion = self.motions.solved(
                     contact, slack, residual, still, active, self.pairs
                 )
-                return free - self.push(statuses.forces) + moved, statuses
+                return free - self.push(statuses.forces) + motion, statuses
             statuses = contact.solved(self.equalities, slack, active, self.pairs)
         return free - self.push(statuses.forces), statuses
 
@@ -116,11 +116,11 @@ class Linearisation:
             free = self.solve(residual)
             if self.motions is not None:
                 slack = gaps - self.rows @ free
-                forces, moved = (
+                forces, motion = (
                     column[:, 0]
                     for column in self.motions.changed(residual[:, None], slack[:, None], active)
                 )
-                return free - self.push(forces) + moved, forces
+                return free - self.push(forces) + motion, forces
             forces, _ = self.equalities(active, gaps - self.rows @ free)
             return free - self.push(forces), forces
 

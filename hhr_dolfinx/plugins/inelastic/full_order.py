@@ -246,7 +246,7 @@ class FullOrderEquilibrium(MeshEquilibrium):
         return FactorStore(lambda matrix: self._full.factors_of(matrix, "nd"))
 
     def alongside(self) -> FullOrderEquilibrium:
-        """See :class:`MaterialEquilibrium`; with factors of its own, so that both histories
+        """See :class:`MaterialEquilibrium`; with separate factors, so that both histories
         keep their frozen tangents.
         """
         equilibrium = copy(self)

@@ -161,7 +161,7 @@ class _SolvedStep:
         apart = _largest(update.stress - stored)
         if not apart <= SAME_STRESS * _largest(stored):
             raise _in_parts(number, f"its stress differs by {apart:.2g} from that of a single step")
-        assert update.tangents is not None  # asked for
+        assert update.tangents is not None  # requested
         skew = _largest(update.tangents - update.tangents.swapaxes(1, 2))
         if model.symmetric and skew > SKEW * _largest(update.tangents):
             raise NotOfferedError(
@@ -224,8 +224,8 @@ class _SolvedStep:
         unknown, multipliers, slack, near = contacts.step(
             linear, answer, slacks, right, directions, self._inputs.dt
         )
-        moved = np.stack([local.strain_of(dx) for dx in unknown.T], axis=-1)
-        after = slopes_of(self._material, self._inputs, along(strain + moved))
+        strain_slopes = np.stack([local.strain_of(dx) for dx in unknown.T], axis=-1)
+        after = slopes_of(self._material, self._inputs, along(strain + strain_slopes))
         at_kinks = (after.reach * of_box <= NEAR_KINK).any(axis=1)
         return StepGradient(unknown, multipliers, slack, near, int(at_kinks.sum())), after.state
 

@@ -630,8 +630,8 @@ class _Thin(Law):
     def __init__(self, law: Law):
         if law.elastic and (law.memory or law.unknowns):
             raise SceneError(
-                f"{law.name} flows with elasticity of its own, which is not built in for plane "
-                "stress: take plane strain or a solid"
+                f"{law.name} is inelastic and states its elasticity, which is not built in for "
+                "plane stress: take plane strain or a solid"
             )
         self.law = law
         across = {"across": NUMBER}

@@ -282,7 +282,7 @@ def _of_code(law: LawProgram, numbers: LawNumbers, given: Inputs, along: Along) 
             young = float(constants[0, 0]) / (
                 float(numbers.grading[0]) if numbers.grading.size else 1.0
             )
-            moved = LawNumbers(
+            perturbed = LawNumbers(
                 constants, *law.elasticity(young, float(constants[1, 0])), numbers.grading
             )
             old = InternalVariables(
@@ -296,7 +296,7 @@ def _of_code(law: LawProgram, numbers: LawNumbers, given: Inputs, along: Along) 
                     given.strain + step * along.strain[:, :, way],
                     old,
                     given.dt,
-                    moved,
+                    perturbed,
                     tangent=False,
                 )
             )

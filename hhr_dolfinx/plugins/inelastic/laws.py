@@ -563,9 +563,9 @@ class _Around(Law):
         """Names of its constants by field: others than those of the law, which may have one of the
         same name.
         """
-        taken = self._inner.constants()
+        inner_constants = self._inner.constants()
         return {
-            constant.name: _unused(constant.name, taken)
+            constant.name: _unused(constant.name, inner_constants)
             for constant in fields(self)
             if constant.name != "law"
         }
@@ -609,7 +609,7 @@ class Heated(_Around):
 
 @dataclass(frozen=True)
 class ChangingStiffness(_Around):
-    """Another law with an E of its own, which may change along a path, as with temperature.
+    """Another law with a separate E, which may change along a path, as with temperature.
 
     Attributes:
         law: the other law; None for elasticity.
@@ -625,7 +625,7 @@ class ChangingStiffness(_Around):
         super().__post_init__()
         if self.elastic:
             raise SceneError(
-                f"{self._inner.name} has elasticity of its own, whose moduli are constant numbers"
+                f"{self._inner.name} states its elasticity, whose moduli are constant numbers"
             )
 
 

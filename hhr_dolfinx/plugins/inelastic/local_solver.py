@@ -562,9 +562,7 @@ def solve_points(
         _load(code, law, work, first, count, strain, old, dt, constants)
         _solve_block(code, law, work, first, count, states, results, factors)
     _set_inelastic(start, end, strain, old, (compliance, grading), stress, new)
-    for i in range(
-        code.sizes[law, MEMORY]
-    ):  # the inelastic strain is no number if the stress is none
+    for i in range(code.sizes[law, MEMORY]):  # the inelastic strain is NaN if the stress is
         for k in range(start, end):
             if not abs(new[i, k]) < np.inf:
                 result[k] = max(result[k], NOT_SOLVED)

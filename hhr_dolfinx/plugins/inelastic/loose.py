@@ -1,4 +1,4 @@
-"""Bodies that contact alone holds, in the linearised contact problems of a step: what is asked of
+"""Bodies that contact alone holds, in the linearised contact problems of a step: the interface of
 their kernel.
 """
 

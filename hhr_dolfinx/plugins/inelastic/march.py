@@ -105,11 +105,11 @@ class MarchingEquilibrium(MaterialEquilibrium):
         """
         if step.keys() - {"duration"}:
             raise NotOfferedError(
-                f"solve knows no {', '.join(step)} here: only bodies that flow take a duration"
+                f"solve knows no {', '.join(step)} here: only inelastic bodies need a duration"
             )
         if gradient:
             raise NotOfferedError(
-                "a single step of bodies that flow has no gradient: how they flow depends on the "
+                "a single step of inelastic bodies has no gradient: their strain depends on the "
                 "path, along which there is one: march(path, MarchSettings(gradient=True))"
             )
         return one_step(model, point, raise_on_failure, outside, **step)

@@ -616,7 +616,7 @@ def advice_flowing(report: Report) -> Advice:
             )
     sentence += (
         " The hyper-reduced model is the one for contact conditions by the thousand, and where "
-        "parts that hang together have moduli that are parameters of their own."
+        "connected parts have moduli that are separate parameters."
     )
     return Advice(favoured, sentence)
 

@@ -131,9 +131,9 @@ def _unloads_by(
     change = 1e-6 * (paths[-1] - paths[-2])
     unloads = np.zeros(TESTED_PATHS, dtype=bool)
     for way in (-1, 1):  # one of them unloads
-        moved = paths[-1] + way * change
+        perturbed = paths[-1] + way * change
         slopes = compliance @ np.asarray(
-            material.update(moved, state, 1e-9 * dt, tangent=True).tangents
+            material.update(perturbed, state, 1e-9 * dt, tangent=True).tangents
         )
         unloads |= (
             np.abs(slopes @ compliance - compliance).max(axis=(1, 2))

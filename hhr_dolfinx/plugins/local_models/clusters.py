@@ -78,7 +78,7 @@ def grid_cells(points: np.ndarray) -> GridCells:
         size = " x ".join(map(str, shape))
         raise ReductionError(
             f"{len(points)} points with {size} values of their parameters are no grid, each point "
-            "of it once: label snapshots in the place of cells"
+            "of it once: label snapshots instead of cells"
         )
     if len(points) == 1:
         raise ReductionError(

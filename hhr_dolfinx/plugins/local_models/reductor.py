@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Local(Reductor[Task]):
-    """Local models. Each part has a check of its own, so that they are not compared again.
+    """Local models. Each part is checked by itself, so that they are not compared again.
 
     ``how`` is :class:`~hhr_dolfinx.plugins.local_models.splitting.Splitting`, or another object
     with ``models``; a recipe of None is the default of the scene.

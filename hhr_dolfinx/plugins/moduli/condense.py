@@ -231,7 +231,7 @@ class _Prepared(NamedTuple):
         Args:
             fields: fields without a bound.
             forces: typical contact forces, (m, S).
-            wanted: True if the caller asked for a bound.
+            wanted: True if the caller requests a bound.
         """
         full = self.task.full
         announce = self.task.announce
@@ -596,7 +596,7 @@ def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> 
     motions = None
     if (
         problem.kernel is not None
-    ):  # motions are unknowns of their own, beside displacements orthogonal to them
+    ):  # motions are separate unknowns, beside displacements orthogonal to them
         motions = problem.kernel.motions
         all_motions = np.hstack([motions, problem.kernel.idle])
         displacements = displacements - all_motions @ (all_motions.T @ displacements)

@@ -244,8 +244,8 @@ def compliance_of(
     Args:
         part: conditions, terms and modulus of the component.
         grid: its interpolation.
-        modes: modes of ``schur`` (m, m), ``columns`` (T, m) and, with unknowns, ``pushed`` (n, m)
-            and ``free`` (T, n).
+        modes: modes of ``schur`` (m, m), ``columns`` (T, m) and, with unknowns, ``per_force``
+            (n, m) and ``free`` (T, n).
         unknowns: indices of its unknowns, (n,); None if it has no modes of them.
     """
     rank = len(grid.interpolant.weights)
@@ -253,7 +253,7 @@ def compliance_of(
     interpolant: Interpolant = replace(grid.interpolant, modes=schur)
     primal = None
     if unknowns is not None:
-        per_force = np.ascontiguousarray(np.moveaxis(modes["pushed"], 2, 0))
+        per_force = np.ascontiguousarray(np.moveaxis(modes["per_force"], 2, 0))
         primal = PrimalModes(unknowns, per_force, np.ascontiguousarray(modes["free"]))
     columns = np.ascontiguousarray(modes["columns"])
     return Compliance(

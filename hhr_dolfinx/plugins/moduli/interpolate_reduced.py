@@ -101,7 +101,7 @@ def _solved(
     return {
         "schur": trial @ per_force,
         "columns": (trial @ free).T,
-        "pushed": per_force,
+        "per_force": per_force,
         "free": free.T,
     }
 

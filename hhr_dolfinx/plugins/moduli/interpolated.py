@@ -622,7 +622,7 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
         _, fixed = galerkin.at_fixed_forces(
             answer.multipliers, galerkin.unknown(answer.multipliers)
         )
-        changed = fixed - galerkin.pushed(answer.gradient.multipliers)
+        changed = fixed - galerkin.response_to_forces(answer.gradient.multipliers)
         return (
             changed if self.motions is None else np.concatenate([changed, answer.gradient.unknown])
         )

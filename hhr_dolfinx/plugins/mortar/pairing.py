@@ -248,7 +248,7 @@ def _check_one_layer(slave: Surface, master: Surface, segments: Segments) -> Non
         centre = slave.corners[times.argmax()].mean(axis=0).tolist()
         raise SceneError(
             f"several layers of master surface {master.tag} face slave surface {slave.tag} at "
-            f"{centre}: give each layer a tag and a contact pair of its own"
+            f"{centre}: give each layer its own tag and contact pair"
         )
 
 
@@ -282,12 +282,12 @@ def _meeting(
     deepest = np.maximum(slave.depths[segments.slave], master.depths[segments.master]) * (
         1 - BOX_ENLARGEMENT
     )
-    behind = distance < -deepest - overlap
-    if behind.all():
+    back_sides = distance < -deepest - overlap
+    if back_sides.all():
         raise NeverFacingError(never_facing(slave, master, beyond_overlap(-distance.min())))
     # a body can only lie between if there is room for it
     roomy = np.unique(segments.slave[distance > slave.depths[segments.slave]])
-    seen = ~behind & (distance <= _own_body(slave, roomy, reach)[segments.slave])
+    seen = ~back_sides & (distance <= _own_body(slave, roomy, reach)[segments.slave])
     return Segments(*(array[seen] for array in segments))
 
 

@@ -40,7 +40,7 @@ class Opposed(NamedTuple):
     #: dim)
     normals: np.ndarray
     facing: np.ndarray  #: nodes with a side that looks along the normal
-    behind: np.ndarray  #: nodes that lie behind their partner, deeper than a cell, as back sides do
+    back_side: np.ndarray  #: nodes of a back side: more than a cell behind their partner
     beyond: (
         np.ndarray
     )  #: nodes that lie beyond the edge on which their partner lies, and not below or above it
@@ -50,7 +50,7 @@ class Opposed(NamedTuple):
     @property
     def meets(self) -> np.ndarray:
         """Nodes that face their partner and can touch it, (n,) bool."""
-        return self.facing & ~self.behind & ~self.beyond
+        return self.facing & ~self.back_side & ~self.beyond
 
 
 def opposed(slave: Surface, master: Surface, overlap: float) -> Opposed:
@@ -75,14 +75,14 @@ def opposed(slave: Surface, master: Surface, overlap: float) -> Opposed:
     smallest = np.full(len(slave.nodes), np.inf)  # depth of the facets at each node
     np.minimum.at(smallest, slave.facets, slave.depths[:, None])
     deepest = np.maximum(smallest, master.depths[closest.facets]) * (1 - BOX_ENLARGEMENT)
-    behind = depth > deepest + overlap
+    back_side = depth > deepest + overlap
     beyond = _beyond(master, closest)
-    overhanging = facing & ~behind & beyond
+    overhanging = facing & ~back_side & beyond
     # back sides of bodies of one cell are no deeper than a cell, but farther behind the partner
     # than beyond the edge
     deeper = depth[averted] > FACING_DIRECTIONS * np.linalg.norm(closest.offsets[averted], axis=1)
     overhanging[averted[deeper]] = False
-    return Opposed(closest, normals, facing, behind, beyond, overhanging, depth)
+    return Opposed(closest, normals, facing, back_side, beyond, overhanging, depth)
 
 
 def _beyond(master: Surface, closest: ClosestPoints) -> np.ndarray:

@@ -233,7 +233,7 @@ def _closest(slave: Surface, master: Surface, allowed: float) -> _Partners:
         raise NeverFacingError(
             never_facing(slave, master, "the closest facets all look the same way as the slave")
         )
-    if not (partners.facing & ~partners.behind).any():
+    if not (partners.facing & ~partners.back_side).any():
         raise NeverFacingError(
             never_facing(slave, master, beyond_overlap(partners.depth[partners.facing].max()))
         )

@@ -35,7 +35,7 @@ def circle(draft: SceneDraft, neutral: bool) -> SceneDraft:
 
 
 def moving_circle(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """A circle or cylinder that is pushed into the left flank of the lower block.
+    """A circle or cylinder that is pressed into the left flank of the lower block.
 
     Args:
         draft: the scene to extend.

@@ -257,9 +257,9 @@ class SearchContext:
         least = (len(questions) + 1) // 2
         answers = list(self._answers(questions, "training answers", lost, least))
         if len(answers) < least:
-            asked = sum(_key(question) in self._known for question in questions)
+            queried = sum(_key(question) in self._known for question in questions)
             raise self._few(
-                f"{len(answers)} of the first {asked} of {len(questions)} training queries have "
+                f"{len(answers)} of the first {queried} of {len(questions)} training queries have "
                 "an answer, and a model needs half of them"
             )
         self._look(answers)

@@ -241,7 +241,7 @@ def _with_fallback(model: KeptModel, full: FullOrderModel, target: Target) -> An
             raise NotOfferedError("no plug-in adds FallbackModel")
         return registry.load(import_path)(model, full, target.error, of=target.of[0])
     except (BoundError, NotOfferedError, ParameterError) as error:
-        warn(f"the full model is not kept behind the small one: {error}", NoBoundWarning)
+        warn(f"the full model is not kept as a fallback of the small one: {error}", NoBoundWarning)
         return model
 
 

@@ -121,7 +121,7 @@ def _kernel(model: Any, tree: dict[str, Any], arrays: Packed) -> dict[str, Any]:
 
 
 def _drawn(tree: dict[str, Any]) -> dict[str, Any]:
-    """What a page reads of a tree itself; the rest is data of the kernel."""
+    """The part of a tree that the page itself reads; the rest is data of the kernel."""
     drawn_tree = {key: value for key, value in tree.items() if key not in _OF_KERNEL}
     drawn_tree["outputs"] = [
         {key: output[key] for key in ("name", "unit")} for output in tree["outputs"]
@@ -314,8 +314,9 @@ def _is_quadratic(model: Any, item: Functional) -> bool:
 
 
 def _second_derivatives(model: Any, item: Functional) -> np.ndarray:
-    """Those of a quadratic form along forces and θ, (m + 1 + T, m + 1 + T), by its slopes for units
-    of both.
+    """Second derivatives of a quadratic form along forces and θ, (m + 1 + T, m + 1 + T).
+
+    Its columns are slopes of the form for unit forces and unit θ.
     """
     fields = model.fields
     m = model.conditions

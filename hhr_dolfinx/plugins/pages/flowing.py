@@ -2,8 +2,9 @@
 pictures of an answer.
 
 The kernel solves histories like :mod:`hhr_dolfinx.plugins.inelastic.condensed_flow`: the same
-residual, the same contact problem for each correction, and Newton's method on both. Where contacts
-rub, that is an increment of friction, see :mod:`hhr_dolfinx.plugins.friction.rubbing_flow`.
+residual, the same contact problem for each correction, and Newton's method on both. With
+friction, each contact problem is an increment of it, see
+:mod:`hhr_dolfinx.plugins.friction.rubbing_flow`.
 """
 
 from __future__ import annotations
@@ -180,9 +181,13 @@ def fixed(model: CondensedFlowModel) -> list[int]:
     }
     constants = {name for group in model.flow.groups for name in parameters_of(group.law)}
     loads = {names[index] for index in _axes(model.fields.amplitudes, names)}
-    rubs = {names[index] for index in model.law.fixed.tolist()} if model.law.plugin else set()
+    of_friction = (
+        {names[index] for index in model.law.fixed.tolist()} if model.law.plugin else set()
+    )
     return [
-        index for index, name in enumerate(names) if name in moduli | (constants - loads) | rubs
+        index
+        for index, name in enumerate(names)
+        if name in moduli | (constants - loads) | of_friction
     ]
 
 

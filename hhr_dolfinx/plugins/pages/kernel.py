@@ -48,14 +48,14 @@ def kernel_text(parts: list[str], laws: Laws) -> str:
     texts = {name: kernel_file(f"{name}.h") for name in ("floating", "springs", "ranges")}
     texts["flow"] = kernel_file("programs.h") + kernel_file("flow.h")
     text = kernel_file("kernel.h")
-    rubbing = ""
+    range_code = ""
     if laws.part is not None:
         texts[laws.part.key] = laws.part.header.read_text("utf-8")
-        rubbing = laws.part.range_header.read_text("utf-8")
+        range_code = laws.part.range_header.read_text("utf-8")
     for name in (*KERNEL_PARTS, "springs"):
         needed = ("floating" if name == "springs" else name) in parts
         text = text.replace(f"/*{name.upper()}*/", texts[name] if needed else "")
-    return text.replace("/*LAWS*/", _laws(laws)).replace("/*RUBBING*/", rubbing)
+    return text.replace("/*LAWS*/", _laws(laws)).replace("/*RUBBING*/", range_code)
 
 
 def _laws(laws: Laws) -> str:

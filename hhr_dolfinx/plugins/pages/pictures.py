@@ -356,7 +356,7 @@ def _maps_at(
         free = basis @ contact.unknown(np.zeros(model.conditions)) + lifts @ fields.amplitudes(
             point
         )
-        values.append(np.column_stack([free, -basis @ contact.pushed(pushes)]))
+        values.append(np.column_stack([free, -basis @ contact.response_to_forces(pushes)]))
     return np.array(values)
 
 

@@ -184,8 +184,11 @@ class _RecordReader:
         """Contact rows of rigid motions, loads along them, their units, and stiffnesses of
         springs.
         """
-        taken = self.arrays[item["taken"]]
-        scales = {"units": np.abs(taken).max(axis=0), "pushes": (taken**2).mean(axis=0)}
+        contact_of_motions = self.arrays[item["taken"]]
+        scales = {
+            "units": np.abs(contact_of_motions).max(axis=0),
+            "pushes": (contact_of_motions**2).mean(axis=0),
+        }
         values = {
             name: self._softness / np.where(scale > 0, scale, 1.0) for name, scale in scales.items()
         }

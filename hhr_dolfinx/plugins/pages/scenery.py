@@ -355,14 +355,22 @@ def _whole(pieces: np.ndarray) -> np.ndarray:
     return different[np.unique(ordered[different], axis=0, return_index=True)[1]]
 
 
-def compliance_of(pushed: Callable[[np.ndarray], np.ndarray], taken: np.ndarray) -> np.ndarray:
+def compliance_of(
+    compliance_times: Callable[[np.ndarray], np.ndarray], contact_of_motions: np.ndarray
+) -> np.ndarray:
     """S times some forces that do no work along motions, less the nearest slack of motions, (m,).
 
-    It does not depend on how bodies are pinned in S. ``pushed`` is S times forces, ``taken`` is B
-    R, (m, r). Even and linear forces would often be those of motions.
+    It does not depend on how bodies are pinned in S. Even and linear forces would often be those of
+    motions.
+
+    Args:
+        compliance_times: S times forces, (m,) to (m,).
+        contact_of_motions: B R, (m, r).
     """
 
     def without(values: np.ndarray) -> np.ndarray:
-        return values - taken @ np.linalg.lstsq(taken, values, rcond=None)[0]
+        return (
+            values - contact_of_motions @ np.linalg.lstsq(contact_of_motions, values, rcond=None)[0]
+        )
 
-    return without(pushed(without(np.cos(np.arange(len(taken))))))
+    return without(compliance_times(without(np.cos(np.arange(len(contact_of_motions))))))

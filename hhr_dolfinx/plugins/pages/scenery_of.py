@@ -59,9 +59,9 @@ def scenery_of(full: FullOrderModel) -> Scenery:
     drawn = number[outer]
     compliance = problem.contact @ full.pushed_everywhere(np.ones(full.conditions))
     if problem.kernel is not None and full.equilibrium is not None:
-        taken = problem.kernel.contact_of_motions
+        contact_of_motions = problem.kernel.contact_of_motions
         compliance = compliance_of(
-            lambda forces: problem.contact @ full.pushed_everywhere(forces), taken
+            lambda forces: problem.contact @ full.pushed_everywhere(forces), contact_of_motions
         )
     return Scenery(
         np.ascontiguousarray(discretisation._points()[nodes]),

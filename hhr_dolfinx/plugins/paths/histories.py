@@ -103,7 +103,7 @@ class Paths:
     def __len__(self) -> int:
         return len(self.paths)
 
-    def asked(self) -> list[str | np.ndarray]:
+    def request(self) -> list[str | np.ndarray]:
         """See :class:`~hhr_dolfinx.snapshots.records.Queries`."""
         values = [value for path in self.paths for pair in path for value in pair]
         numbers = (
@@ -118,7 +118,7 @@ class Paths:
     def solved(self, solver: SnapshotSolver) -> SnapshotSet | None:
         """See :class:`~hhr_dolfinx.snapshots.records.Queries`."""
         group = solver.full.group
-        group.agreed("snapshots", self.asked)
+        group.agreed("snapshots", self.request)
         with group.together("solving for snapshots"):
             with told_once("histories"), first_alone():
                 histories = list(self._histories(solver))

@@ -204,7 +204,7 @@ class PathFamily:
             if not (np.diff(times, prepend=time) > 0).all():
                 raise ParameterError(
                     f"path '{self._called(values)}': times must increase, and {end.steps} steps "
-                    f"in {end.seconds:g} s are lost behind {time:g} s. Make the legs more alike"
+                    f"in {end.seconds:g} s are lost after {time:g} s. Make the legs more alike"
                 )
             # constant values stay the same to the last bit, and each leg ends exactly at the start
             # of the next one
@@ -253,8 +253,8 @@ class PathFamily:
         Args:
             count: number of paths; powers of 2 are best.
             seed: seed of the sampling.
-            least_part: smallest part load, in (0, 1]. 1 leaves them out, for families with a load
-                level of their own.
+            least_part: smallest part load, in (0, 1]. 1 leaves them out, for families that set the
+                load level themselves.
             cycles: number of times that each path is followed; between two times it is followed
                 back to its start.
 

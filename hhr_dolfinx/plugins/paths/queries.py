@@ -58,7 +58,7 @@ def training_paths(scene: Scene, paths: object) -> list:
         "hhr.PathFamily, beside the scene"
     )
     if not isinstance(paths, Iterable):
-        raise StudyError(f"{advice}; {paths!r} is none")
+        raise StudyError(f"{advice}; {paths!r} is no such list")
     try:
         pairs = [(path, checked_path(scene.parameters, path)) for path in paths]
     except (ParameterError, TypeError) as error:

@@ -1,7 +1,7 @@
 """Deformed bodies for pictures: magnified displacements, and surfaces closed where contact presses.
 
 Magnified displacements open or overlap surfaces that touch. A surface that presses is therefore
-drawn on the other one: its nodes are moved along their normal, and the body follows smoothly. So
+drawn on the other one: its nodes move along their normal, and the body follows smoothly. So
 are press fits, whose bodies overlap by an opening, and not in the mesh.
 """
 
@@ -120,7 +120,7 @@ def _pairs_of(mesh: AnswerMesh, contact: DrawnContact) -> list[_Pair]:
 def factor_of(mesh: AnswerMesh, displacement: np.ndarray, pairs: list[_Pair]) -> float:
     """Power of ten, at least 1, by which displacements stay below a tenth of the mesh.
 
-    Motions of whole bodies count by a third: displacements are taken less the mean of their body.
+    Motions of whole bodies count by a third: the mean of each body is subtracted.
 
     Args:
         mesh: the mesh.

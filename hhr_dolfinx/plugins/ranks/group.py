@@ -38,7 +38,7 @@ well.
 _POLL = 0.02
 _FORWARDED = 1.0
 EQUAL_ON_RANKS = 1e-12
-"""Relative difference of values up to which ranks are asked for the same: machines may differ in
+"""Relative difference of values up to which requests of ranks are the same: machines may differ in
 last digits.
 """
 _SHOWN = 60
@@ -111,26 +111,26 @@ class Ranks(ProcessGroup):
             call: function that returns the words and values to compare.
 
         Raises:
-            RankError: on all ranks, if these are asked for different things.
+            RankError: on all ranks, if their requests differ.
         """
         failure = None
-        asked: list[str | np.ndarray] = []
+        request: list[str | np.ndarray] = []
         try:
-            asked = [
+            request = [
                 _without_addresses(entry) if isinstance(entry, str) else entry for entry in call()
             ]
         except BaseException as error:
             failure = error
-        requests = self._exchanged(task, failure, asked)
+        requests = self._exchanged(task, failure, request)
         odd = next(
             (rank for rank, request in enumerate(requests) if not _same(request, requests[0])), None
         )
         if odd is not None:
             raise RankError(
-                f"{task}: ranks are asked for different things, rank 0 for "
-                f"{_shown(requests[0], requests[odd])} and rank {odd} for "
+                f"{task}: requests of ranks differ: rank 0 requests "
+                f"{_shown(requests[0], requests[odd])} and rank {odd} requests "
                 f"{_shown(requests[odd], requests[0])}. Ask the same on all ranks that work on it "
-                "together, or let each have a full model of its own: FullOrderModel(scene, "
+                "together, or let each have a separate full model: FullOrderModel(scene, "
                 "MPI.COMM_SELF)"
             )
 
@@ -290,11 +290,11 @@ def _without_addresses(text: str) -> str:
     return re.sub(r" at 0x[0-9a-f]+", "", text)
 
 
-def _same(asked: list[str | np.ndarray], expected: list[str | np.ndarray]) -> bool:
+def _same(request: list[str | np.ndarray], expected: list[str | np.ndarray]) -> bool:
     """True for equal words, and values that are equal to :data:`EQUAL_ON_RANKS`."""
-    if len(asked) != len(expected):
+    if len(request) != len(expected):
         return False
-    for mine, theirs in zip(asked, expected, strict=True):
+    for mine, theirs in zip(request, expected, strict=True):
         if isinstance(mine, str) or isinstance(theirs, str):
             if not (isinstance(mine, str) and isinstance(theirs, str) and mine == theirs):
                 return False
@@ -305,12 +305,12 @@ def _same(asked: list[str | np.ndarray], expected: list[str | np.ndarray]) -> bo
     return True
 
 
-def _shown(asked: list[str | np.ndarray], expected: list[str | np.ndarray]) -> str:
-    """Words of what a rank is asked for, and the first other difference if these are equal."""
-    words = str(asked[0])
-    if words != str(expected[0]) or len(asked) != len(expected):
+def _shown(request: list[str | np.ndarray], expected: list[str | np.ndarray]) -> str:
+    """Words of the request of a rank, and the first other difference if these are equal."""
+    words = str(request[0])
+    if words != str(expected[0]) or len(request) != len(expected):
         return words
-    for mine, theirs in zip(asked[1:], expected[1:], strict=True):
+    for mine, theirs in zip(request[1:], expected[1:], strict=True):
         if _same([mine], [theirs]):
             continue
         if isinstance(mine, str) and isinstance(theirs, str):

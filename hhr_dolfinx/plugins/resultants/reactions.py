@@ -158,13 +158,13 @@ def _check(probe: ModelProbe, output: Reaction) -> None:
 def _imposed_dofs(probe: ModelProbe, output: Reaction) -> np.ndarray:
     """Dofs that displacements of the tag impose, and none before them in the scene."""
     space = probe.discretisation
-    taken = np.zeros(probe.problem.free.size, dtype=bool)
+    imposed_before = np.zeros(probe.problem.free.size, dtype=bool)
     chosen = []
     for displacement in probe.scene.displacements:
         dofs = space._tagged_dofs(displacement.tag, displacement.component)
         if displacement.tag == output.tag:
-            chosen.append(dofs[~taken[dofs]])
-        taken[dofs] = True
+            chosen.append(dofs[~imposed_before[dofs]])
+        imposed_before[dofs] = True
     dofs = np.unique(np.concatenate(chosen))
     if not dofs.size:
         raise SceneError(

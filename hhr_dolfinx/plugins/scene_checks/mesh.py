@@ -177,7 +177,7 @@ def look_at_joints(check: SceneCheck) -> None:
         if len(doubled) and (index, index) not in paired:
             check.note(
                 f"body {tag!r} falls apart: {len(doubled)} of its nodes are there twice, e.g. at "
-                f"{rounded(look.points[doubled[0, 0]])}, and its cells do not hang together there. "
+                f"{rounded(look.points[doubled[0, 0]])}, and its cells are not connected there. "
                 "Merge these nodes, in gmsh by removeDuplicateNodes or by a fragment of its "
                 "volumes before they are meshed"
             )
@@ -209,7 +209,7 @@ def look_at_common_nodes(check: SceneCheck) -> None:
                 check.note(
                     f"contact {contact}: surfaces {first.tag!r} and {second.tag!r} share "
                     f"{int(common.sum())} nodes, e.g. at {rounded(first.points[common][0])}: they "
-                    "are glued there and cannot open. Give each body nodes of its own, in gmsh "
+                    "are glued there and cannot open. Give each body separate nodes, in gmsh "
                     "without a fragment or removeDuplicateNodes"
                 )
 

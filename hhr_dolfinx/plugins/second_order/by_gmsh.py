@@ -229,6 +229,6 @@ def _optimised(
         except (subprocess.CalledProcessError, subprocess.TimeoutExpired):
             return None
         with np.load(file) as new:
-            moved = points.copy()
-            moved[used] = new["points"][:, : points.shape[1]]
-    return moved if np.isfinite(moved).all() else None
+            new_points = points.copy()
+            new_points[used] = new["points"][:, : points.shape[1]]
+    return new_points if np.isfinite(new_points).all() else None

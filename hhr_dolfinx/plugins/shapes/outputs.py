@@ -108,7 +108,7 @@ class MovingProbe(ModelProbe):
         body = discretisation.scene.bodies[number]
         if type(found) is not Mises or discretisation.scene.states_stress(body):
             raise SceneError(
-                f"output '{found.name}': body {body.tag} has an elasticity of its own, or a "
+                f"output '{found.name}': body {body.tag} has a user-defined elasticity, or a "
                 "strain that causes no stress, for whose von Mises' stress shapes are not built "
                 "in: leave the output out"
             )

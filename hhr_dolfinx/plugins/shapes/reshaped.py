@@ -188,9 +188,9 @@ class Reshaped(StillMesh):
         size = np.ptp(self.reference, axis=0).max()
         seen = np.zeros(len(coordinates), dtype=bool)
         for shape, nodes in zip(scene.shapes, self.nodes, strict=True):
-            moved = shape.moved(self.reference[nodes, :dim], names, values)
+            mapped = shape.moved(self.reference[nodes, :dim], names, values)
             both = seen[nodes] & (
-                np.abs(coordinates[nodes, :dim] - moved).max(axis=1) > MAP_ROUND_OFF * size
+                np.abs(coordinates[nodes, :dim] - mapped).max(axis=1) > MAP_ROUND_OFF * size
             )
             if both.any():
                 raise SceneError(
@@ -198,7 +198,7 @@ class Reshaped(StillMesh):
                     f"{self.reference[nodes][both][0]}: two bodies that share nodes must move "
                     "them alike"
                 )
-            coordinates[nodes, :dim] = moved
+            coordinates[nodes, :dim] = mapped
             seen[nodes] = True
         return coordinates
 
@@ -329,8 +329,8 @@ class Reshaped(StillMesh):
         if problem.kernel is None:
             return
         rigid = np.abs(np.hstack([problem.kernel.motions, problem.kernel.idle])).max(axis=1)
-        moved = np.repeat(self._moving_nodes(), problem.block_size)
-        if (moved & (rigid > MAP_ROUND_OFF * rigid.max())).any():
+        moving = np.repeat(self._moving_nodes(), problem.block_size)
+        if (moving & (rigid > MAP_ROUND_OFF * rigid.max())).any():
             raise SceneError(
                 f"contacts that alone hold a body of scene '{self._owner.scene.name}' act on one "
                 "whose shape depends on parameters: that is built in for bodies that keep their "
@@ -343,8 +343,8 @@ class Reshaped(StillMesh):
         The shape of a corner of the box is compared.
         """
         coupling = problem.prolongation.map
-        moved = np.repeat(self._moving_nodes(), problem.block_size)
-        if coupling is not None and (moved & _coupled(coupling)).any():
+        moving = np.repeat(self._moving_nodes(), problem.block_size)
+        if coupling is not None and (moving & _coupled(coupling)).any():
             try:
                 self(np.array(problem.parameters.lower))
             except ShapeError as error:

@@ -42,7 +42,7 @@ COMMON_CONDITION = 1e-6
 conditions are the same.
 """
 GROUND = -1
-"""Number of the body behind obstacles."""
+"""Number that stands for obstacles, which are no body."""
 OPENING_SAMPLES = 8
 """Random points of the box at which openings of two contacts are compared."""
 
@@ -245,8 +245,8 @@ class CommonConditions:
         weights = row.data * self._normals[condition][row.col % self._dim]
         bodies, index = np.unique(self._body[row.col // self._dim], return_inverse=True)
         # a surface in contact with another one of its body has weights of both signs
-        behind = np.bincount(index, np.minimum(weights, 0.0)) < -0.5
-        return set(bodies[behind].tolist()) or {GROUND}
+        opposite = np.bincount(index, np.minimum(weights, 0.0)) < -0.5
+        return set(bodies[opposite].tolist()) or {GROUND}
 
     def _agree(self, one: int, other: int, length: float) -> bool:
         """True if laws and openings of two contacts are the same on a condition of both.

@@ -20,7 +20,7 @@ LOADED_CONDITION = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class BesideTools:
-    """Conditions of curved tools; those of planes hold wherever a body has moved along them."""
+    """Conditions of curved tools; those of planes hold wherever a body slides along them."""
 
     conditions: Annotated[Integers, "beside tools"]  #: their numbers in the base, (c,)
     widths: Annotated[Floats, "beside tools"]  #: largest facet at the slave node of each, (c,)
@@ -36,7 +36,7 @@ class BesideTools:
             yield "facets beside tools have no width"
 
     def check(self, forces: np.ndarray, motion: np.ndarray, largest: float, place: str) -> bool:
-        """Warn if a condition under load has moved along its tool by more than a facet.
+        """Warn if a condition under load has slid along its tool by more than a facet.
 
         Args:
             forces: contact forces of the base, (m,).
@@ -45,7 +45,7 @@ class BesideTools:
             place: the parameter, in words.
 
         Warns:
-            FarSlidingWarning: with the condition that has moved farthest.
+            FarSlidingWarning: with the condition that has slid farthest.
 
         Returns:
             True after a warning.
@@ -59,7 +59,7 @@ class BesideTools:
         at = int(share.argmax())
         if is_first("far sliding along a tool"):
             warn(
-                f"at {place}: condition {self.conditions[at]} has moved by {way[at]:.3g} along a "
+                f"at {place}: condition {self.conditions[at]} has slid by {way[at]:.3g} along a "
                 f"curved tool, {share[at]:.2g} facets, and its gap and normal are those of its "
                 "place on the mesh. Make the tool a body whose nodes are imposed, which hhr.slide "
                 "pairs again",

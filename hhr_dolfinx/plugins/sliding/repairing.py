@@ -51,11 +51,11 @@ square.
 """
 NO_EFFECT = 1e-9
 """Part of the compliance of a contact below which that of its slip, or of its difference to another
-one, is none.
+one, counts as zero.
 """
 IMPOSED = 1e-14
-"""Part of the largest compliance below which that of a contact is none: of a stiff body it may be
-as small as 1e-9.
+"""Part of the largest compliance below which that of a contact counts as zero: of a stiff body it
+may be as small as 1e-9.
 """
 TOUCHING_SURFACES = 1e-9
 """Part of the size of surfaces up to which they touch."""
@@ -174,7 +174,7 @@ class Paired(NamedTuple):
     #: n)
     matrix: csr_matrix
     gap: np.ndarray  #: of the slave nodes, (C,)
-    at: np.ndarray  #: displacement at which they were paired, behind m other numbers, (m + n,)
+    at: np.ndarray  #: displacement at which they were paired, after m other numbers, (m + n,)
 
 
 class RepairingSlider(Slider):

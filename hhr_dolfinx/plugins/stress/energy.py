@@ -78,7 +78,7 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
         return Energy(output.name, output.unit, *_entries(work.rows), names, work.moduli, *arrays)
     touching = np.arange(0 if unilateral else len(problem.gaps), dtype=np.int64)
     pressed = csr_matrix(problem.contact[touching])
-    moved = (pressed @ problem.lifts.tocsc()[:, work.lifted]).toarray()
+    touching_lifts = (pressed @ problem.lifts.tocsc()[:, work.lifted]).toarray()
     stiff = np.zeros(0) if springs is None else springs
     held = np.flatnonzero(stiff)
     size = problem.free.size
@@ -90,7 +90,7 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
     pairs = list(_strain_energies(probe.discretisation, output)) if strained else []
     rows = _entries(csr_matrix(vstack([work.rows, pressed, grounded, forces])))
     factors = tuple(text for text, _ in pairs)
-    more = touching, moved, stiff[held], terms
+    more = touching, touching_lifts, stiff[held], terms
     energies = np.array([energy for _, energy in pairs], dtype=float)
     return StoredEnergy(
         output.name, output.unit, *rows, names, work.moduli, *arrays, *more, factors, energies
@@ -123,9 +123,15 @@ def _work(probe: ModelProbe, problem: ContactProblem) -> WorkOfForces:
     )
     squares = np.array([(lifts.T @ pull).toarray() for pull in pulled])
     squares = squares.reshape(count, lifted.size, lifted.size)
-    moved = (rows @ lifts).toarray()
+    work_of_lifts = (rows @ lifts).toarray()
     return WorkOfForces(
-        rows, moduli, terms, part_of_terms.astype(np.int64), lifted.astype(np.int64), squares, moved
+        rows,
+        moduli,
+        terms,
+        part_of_terms.astype(np.int64),
+        lifted.astype(np.int64),
+        squares,
+        work_of_lifts,
     )
 
 
@@ -175,7 +181,7 @@ def text_of(amplitude: Amplitude | Formula, output: NamedOutput | StressOutput) 
     if wrong:
         raise SceneError(
             f"output '{output.name}': it needs the amplitude of a strain in a formula, where "
-            f"names of parameters are words: {wrong[0]!r} is none"
+            f"names of parameters are words: {wrong[0]!r} is no word"
         )
     slopes = (f"({float(slope)!r}) * {name}" for name, slope in amplitude.slopes.items())
     return " + ".join([repr(float(amplitude.constant)), *slopes])

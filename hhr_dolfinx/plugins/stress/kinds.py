@@ -314,7 +314,7 @@ class StoredEnergy(Energy):
     """Elastic energy of bodies beside springs, under any contact forces, and with strains ε0 that
     cause no stress.
 
-    The work of :class:`Energy` has -λ·B U0 in the place of -λ·D θ where laws of contact leave slack
+    The work of :class:`Energy` has -λ·B U0 instead of -λ·D θ where laws of contact leave slack
     under a force. In equilibrium it is u·K u / 2 with the springs in K. From it follow, with the
     loads F0 that stand for ε0,
 
@@ -349,25 +349,25 @@ class StoredEnergy(Energy):
         """The state that Energy reads, B U0, displacements of springs, and F0·u."""
         ends = np.cumsum([self.terms.size, self.touching.size, self.springs.size])
         work, touched, sprung, strained = np.split(state.measured, ends)
-        moved = touched - self.own_touching @ state.theta[self.lifted]
-        return state._replace(measured=work), moved, sprung, strained
+        opening = touched - self.own_touching @ state.theta[self.lifted]
+        return state._replace(measured=work), opening, sprung, strained
 
     def value(self, state: State) -> float:
         """Half the work of all forces, less what springs take, and less that of strains without
         stress.
         """
-        work, moved, sprung, strained = self._parts(state)
-        energy = super().value(work) - float(state.forces[self.touching] @ moved) / 2
+        work, opening, sprung, strained = self._parts(state)
+        energy = super().value(work) - float(state.forces[self.touching] @ opening) / 2
         energy -= float(self.springs @ sprung**2) / 2 + float(state.theta[self.strained] @ strained)
         factors = np.array([factor.value(state.point) for factor in self._factors])
         return energy + float(factors @ self.strains)
 
     def slopes(self, state: State) -> Slopes:
         """Slopes by the product rule."""
-        work, moved, sprung, strained = self._parts(state)
+        work, opening, sprung, strained = self._parts(state)
         of_work = super().slopes(work)
         forces = of_work.forces.copy()
-        forces[self.touching] -= moved / 2
+        forces[self.touching] -= opening / 2
         pressed = state.forces[self.touching]
         theta = of_work.theta.copy()
         np.add.at(theta, self.lifted, pressed @ self.own_touching / 2)

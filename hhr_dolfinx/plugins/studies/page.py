@@ -254,7 +254,7 @@ def _asked(report: JsonObject) -> str:
     materials = [[_text(row.get(name, "")) for name in names] for row in material_rows]
     units = _mapping(report.get("units"))
     return _section(
-        "What was asked",
+        "Parameters and materials",
         _table(["parameter", "from", "to"], box),
         _table([MATERIAL_WORDS.get(name, _words(name)) for name in names], materials),
         _note(f"{name} in {_text(unit)}" for name, unit in units.items()),

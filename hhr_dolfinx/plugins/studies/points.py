@@ -276,7 +276,7 @@ def _without_naive(full: FullOrderModel) -> str:
         )
     if not registry.parts("baselines"):
         return "no plug-in of baselines is installed"
-    return "not asked for: one query takes too long to measure a hundred"
+    return "not requested: one query takes too long to measure a hundred"
 
 
 def _compared(

@@ -206,7 +206,7 @@ def _tests_of(
     if scene.remembers:
         raise NotOfferedError(
             f"a study of scene '{scene.name}' is not built in, as its contacts remember their "
-            "path: train or condense it, and march along paths of your own"
+            "path: train or condense it, and march along your own paths"
         )
     if (laws := study_of(scene)) is not None:
         laws.check(settings)

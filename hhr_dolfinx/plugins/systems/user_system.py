@@ -1,4 +1,4 @@
-"""What becomes of ``Scene(system=...)``: its K, its parts, and the motions of bodies that it
+"""User-defined system, ``Scene(system=...)``: its K, its parts, and the motions of bodies that it
 leaves.
 
 A user-defined system gives K of all dofs, and F - K L on those that are not imposed. It knows

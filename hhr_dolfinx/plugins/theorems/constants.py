@@ -123,7 +123,7 @@ def given_constants(
         raise BoundError(
             f"M_a = {given.continuity!r} and alpha = {given.coercivity!r} must be positive numbers"
         )
-    # theorems 3 and 6 keep their own constant in the place of alpha
+    # theorems 3 and 6 keep their own constant instead of alpha
     used = {
         name: replace(constants, continuity=given.continuity) if name in CONSTANT_NAMES else given
         for name, constants in sharp.items()

@@ -205,7 +205,7 @@ class ThesisBounds:
             ParameterError: for answers to two parameters.
         """
         if theorem not in THEOREMS:
-            raise BoundError(f"theorem {theorem!r} is none of {', '.join(THEOREMS)}")
+            raise BoundError(f"theorem {theorem!r} is not one of {', '.join(THEOREMS)}")
         if theorem in self.refused:
             raise BoundError(f"theorem {theorem}: {self.refused[theorem]}")
         return self._pair(answer, exact).sides(theorem)
@@ -340,4 +340,4 @@ def _norms(name: str, domain: Domain, problem: ContactProblem) -> Norms:
         return EuclideanNorms(domain)
     if name == "energy":
         return EnergyNorms(domain, 1.0 / problem.contact_areas[domain.sets.A_lambda])
-    raise BoundError(f"norm = {name!r} is none of 'energy' and 'euclidean'")
+    raise BoundError(f"norm = {name!r} must be 'energy' or 'euclidean'")

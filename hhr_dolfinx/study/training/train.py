@@ -206,7 +206,7 @@ def _trained(
     with group.each("checking what to train on"):
         queries, apart = checked_training(scene, training, held_out, seed)
         folder = None if folder is None else checked_folder(folder)
-    values = [] if chooses_itself(queries) else queries_of(scene.parameters, queries).asked()[1:]
+    values = [] if chooses_itself(queries) else queries_of(scene.parameters, queries).request()[1:]
     group.agreed(
         "a training", lambda: [f"scene '{scene.name}'", repr((scene, seed, together)), *values]
     )
@@ -256,7 +256,7 @@ def _full_model(
     A distributed one keeps its rows if it reduces by rows.
     """
     reason = (
-        group.no_room_side_by_side(scene) if together is None else "it was asked for" * together
+        group.no_room_side_by_side(scene) if together is None else "it was requested" * together
     )
     if not reason or group.size == 1:
         with group.each(f"building the full model of scene '{scene.name}'"):

@@ -212,7 +212,7 @@ def test_equations_of_imposed_displacements_hold_or_are_refused(right):
             ),
             "by several equations",
         ),
-        ((hhr.Equation((("nowhere", 1, 1.0),)),), "'nowhere' is asked for"),
+        ((hhr.Equation((("nowhere", 1, 1.0),)),), "'nowhere' is requested"),
         ((hhr.Periodic(TOP, LEFT),), "mesh both surfaces alike"),
         (
             (

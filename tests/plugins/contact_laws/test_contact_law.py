@@ -431,7 +431,7 @@ class Untold(toy_increments.WearIncrements):
 
 @needs("conformance")
 @pytest.mark.parametrize(
-    ("variant", "wrong"), [(Absent, "off the loads"), (Untold, "a gradient is asked for")]
+    ("variant", "wrong"), [(Absent, "off the loads"), (Untold, "a gradient is requested")]
 )
 def test_the_contract_names_what_is_wrong_of_increments(variant, wrong, by_steps, monkeypatch):
     from hhr_dolfinx.testing import check_contact_law

@@ -744,7 +744,7 @@ def test_mistakes(change, why, tmp_path):
         ),
         (
             ("PAIR, INTER", "PAIR, ADJUST=0.1, INTER"),
-            "*CONTACT PAIR: ADJUST=0.1: no nodes are moved here",
+            "*CONTACT PAIR: ADJUST=0.1: no node moves here",
         ),
         (("UPPER_TOP, P,", "UPPER_TOP, PRES,"), "*DSLOAD: no counterpart: load PRES"),
         (

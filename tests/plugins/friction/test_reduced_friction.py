@@ -410,7 +410,7 @@ def test_what_is_no_safe_model(training, model):
         other = hhr.FullOrderModel(
             rubbing(law, geometry=round_block, box=BOX, **how), MPI.COMM_SELF
         )
-        with pytest.raises(ReductionError, match=r"of another scene|bodies that flow"):
+        with pytest.raises(ReductionError, match=r"of another scene|inelastic bodies"):
             hhr.FallbackModel(model, other, of="forces")
 
 

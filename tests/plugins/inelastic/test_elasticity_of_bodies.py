@@ -341,7 +341,7 @@ class Own(hhr.Law):
 def test_what_is_refused():
     for options in ({"young": "E"}, {"poisson": "nu"}):
         with pytest.raises(
-            SceneError, match=r"body 1 has elasticity of its own, AtPoints: .* must be a number"
+            SceneError, match=r"body 1 has the elasticity of its law AtPoints: .* must be a number"
         ):
             hhr.Body(1, **({"young": 3.0, "poisson": 0.3, "law": wood(1.0)} | options))
     with pytest.raises(

@@ -182,7 +182,7 @@ def test_a_spring_that_touches_shares_its_force():
         (lambda: hhr.NodalForce(1, (0.0, 0.0)), "finite and not zero"),
         (
             lambda: hhr.FullOrderModel(pulled(hhr.NodalForce("top", (0.0, 1.0)))),
-            "'top' is asked for",
+            "'top' is requested",
         ),
         (
             lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(1, (0.0, 1.0, 0.0)))),

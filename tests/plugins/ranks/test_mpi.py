@@ -579,7 +579,7 @@ def test_every_rank_raises_what_it_can():
     assert all(words[2] == "SceneError" and "[99]" in words[3] for words in unbuilt)
     # not blamed on tags that other ranks hold
     for words in misplaced:
-        assert words[2] == "SceneError" and "spread over 3 ranks and was asked for on 1" in words[3]
+        assert words[2] == "SceneError" and "spread over 3 ranks and was requested on 1" in words[3]
         assert "on the communicator it is given" in words[3] and "tags" not in words[3]
     # bodies that flow: each rank has the whole problem, and all share the factors
     assert [words[2] for line in whole for words in line] == ["nothing"] * 3 * len(whole)

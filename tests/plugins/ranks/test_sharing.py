@@ -92,7 +92,7 @@ def test_the_command_trains_on_ranks_together(tmp_path):
     )
     assert run.returncode == 0, run.stdout[-2000:] + run.stderr[-2000:]
     said = " ".join(run.stdout.split())
-    assert "2 ranks solve one problem after another together, since it was asked for" in said
+    assert "2 ranks solve one problem after another together, since it was requested" in said
     assert "errors of its answers: bound, proved" in said
     folder = next((tmp_path / "out").iterdir())
     assert (folder / "scenery.npz").is_file()

@@ -259,7 +259,7 @@ MISTAKES: dict[str, tuple[Change, str]] = {
     ),
     "nodes in common": (
         mesh(glued_at_a_node),
-        r"'roller_round' and 'spring_top' share 1 nodes.*Give each body nodes of its own",
+        r"'roller_round' and 'spring_top' share 1 nodes.*Give each body separate nodes",
     ),
     "one contact without a tuple": (
         of(contacts=ROLLER),
@@ -407,7 +407,7 @@ MISTAKES: dict[str, tuple[Change, str]] = {
     ),
     "no names": (
         mesh(without_names),
-        r"'clamp' is asked for: name the physical groups .*or give their numbers",
+        r"'clamp' is requested: name the physical groups .*or give their numbers",
     ),
     "an empty group": (mesh(without_surface), r"'clamp'.*give the mesh a group of this name"),
     "a body in no group": (
@@ -434,7 +434,7 @@ MISTAKES: dict[str, tuple[Change, str]] = {
     ),
     "two outputs of a name": (
         lambda scene: replace(scene, outputs=scene.outputs[:1] * 2),
-        r"'force on the roller': each needs a name of its own",
+        r"'force on the roller': give each a different name",
     ),
     "an output of no contact": (
         of(outputs=(hhr.LargestPressure("p", contact=2),)),

@@ -143,7 +143,7 @@ def test_mistakes_are_named():
     for output, why in (
         (hhr.StressAt("s", (0.5, 1.0), "rr", block.SOLID), "plane strain has no component 'rr'"),
         (hhr.StressAt("s", (9.0, 1.0), "xx", block.SOLID), "away from the nearest point"),
-        (hhr.StressAt("s", (0.5, 1.0), "xx", 77), "the cell tag 77 is none of the bodies"),
+        (hhr.StressAt("s", (0.5, 1.0), "xx", 77), "the cell tag 77 is not among the bodies"),
     ):
         with pytest.raises(SceneError, match=why):
             hhr.FullOrderModel(

@@ -260,7 +260,7 @@ def test_a_study_writes_its_page(tmp_path):
     found = Seen((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert found.tags.count("img") == len(list(tmp_path.glob("*.png"))) >= 3
     assert 'name="viewport"' in (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert {"push", "What was asked", "Poisson's ratio"} <= set(found.texts)
+    assert {"push", "Parameters and materials", "Poisson's ratio"} <= set(found.texts)
     assert any("UTC" in text and f"hhr_dolfinx {hhr.__version__}" in text for text in found.texts)
     assert found.tags.count("div") == found.tags.count(
         "table"

@@ -392,7 +392,7 @@ def test_what_states_k_too_is_refused(what):
         changes = {"shapes": (hhr.Shape(FIRST, ("x", "y * (1 + 0.001 * k)")),)}
     named = {"inelastic": "laws of bodies", "shapes": "shapes"}[what]
     with pytest.raises(
-        SceneError, match=f"has {named} and a system of its own: .*Leave one of them out"
+        SceneError, match=f"has {named} and a user-defined system: .*Leave one of them out"
     ):
         dataclasses.replace(joined(Parted), **changes)
 

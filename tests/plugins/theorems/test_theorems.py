@@ -353,7 +353,7 @@ def test_evaluations_of_the_thesis_are_no_bounds(hertz, hertz_reduction):
         hertz, hertz_reduction, "euclidean", Ellipticity(whole.continuity, 5.0), as_printed=True
     )
     assert "alpha' of (2.46)" in shared.refused["6"]
-    with pytest.raises(BoundError, match="is none of 3, 4"):
+    with pytest.raises(BoundError, match="is not one of 3, 4"):
         printed.bound("7", answer, exact)
 
 
