@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.io import hb_read, mmread
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import coo_matrix, csr_matrix, spmatrix
 
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.plugins.foreign.dof_table import read_dofs
@@ -148,7 +148,7 @@ def table_beside(path: Path) -> Path:
     )
 
 
-def _read(reader: Callable[[Path], object], path: Path) -> object:
+def _read(reader: Callable[[Path], spmatrix], path: Path) -> spmatrix:
     """What a reader of SciPy makes of a file; FileContentError for a damaged one."""
     try:
         return reader(path)
