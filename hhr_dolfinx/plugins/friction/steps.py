@@ -21,6 +21,7 @@ from hhr_dolfinx.plugins.friction.surfaces import FarSliding, SolvedContacts
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.model import AnsweringModel
+    from hhr_dolfinx.plugins.inelastic.equilibrium import MaterialEquilibrium
 
 
 class _RubbingStep:
@@ -121,7 +122,7 @@ class _FrictionSteps(LawSteps):
 
     def step_contact(
         self,
-        model: Any,
+        model: MaterialEquilibrium,
         before: Answer,
         point: np.ndarray,
         time: float,
