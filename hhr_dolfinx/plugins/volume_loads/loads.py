@@ -267,7 +267,7 @@ def _formula(value: Amplitude | Formula | str | float, what: str) -> Formula:
     return formula
 
 
-def _vector(what: str, value: Sequence[float] | np.ndarray) -> tuple[float, ...]:
+def _vector(what: str, value: Sequence[float]) -> tuple[float, ...]:
     """A tuple of finite numbers."""
     vector = as_tuple(what, value)
     if not all(is_number(component) for component in vector):
