@@ -21,7 +21,6 @@ from hhr_dolfinx.plugins.friction.surfaces import FarSliding, SolvedContacts
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.model import AnsweringModel
-    from hhr_dolfinx.plugins.inelastic.equilibrium import MaterialEquilibrium
 
 
 class _RubbingStep:
@@ -122,7 +121,7 @@ class _FrictionSteps(LawSteps):
 
     def step_contact(
         self,
-        model: MaterialEquilibrium,
+        model: Any,
         before: Answer,
         point: np.ndarray,
         time: float,

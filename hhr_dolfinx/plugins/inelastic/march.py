@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -43,9 +43,6 @@ from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.time_error import CONTROLLED, SecondSolution, in_parts, tightened
 from hhr_dolfinx.plugins.inelastic.trained import Watch
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.model import AnsweringModel
-
 _log = logging.getLogger(__name__)
 
 
@@ -58,7 +55,7 @@ class MarchingEquilibrium(MaterialEquilibrium):
 
     def march(
         self,
-        model: AnsweringModel,
+        model: object,
         path: Path,
         settings: MarchSettings = DEFAULT_MARCH,
         *,
@@ -86,7 +83,7 @@ class MarchingEquilibrium(MaterialEquilibrium):
 
     def one_step(
         self,
-        model: AnsweringModel,
+        model: object,
         point: np.ndarray,
         raise_on_failure: bool,
         outside: str,

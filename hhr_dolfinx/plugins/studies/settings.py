@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,10 +16,10 @@ from hhr_dolfinx.parameters import check_counts
 from hhr_dolfinx.reduction.recipe import Recipe
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
     from hhr_dolfinx.models.answer import Path
-    from hhr_dolfinx.plugins.greedy.greedy import Greedy
-    from hhr_dolfinx.plugins.paths.path_families import NamedPath, Sampling
-    from hhr_dolfinx.reduction.reductor import Reductor
+    from hhr_dolfinx.plugins.paths.path_families import NamedPath
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class StudySettings:
             None for the defaults.
     """
 
-    training: int | Sequence[int] | np.ndarray | Sampling | Greedy | Sequence[Path]
+    training: Any
     recipe: Recipe | None = None
     variants: Sequence[tuple[str, Recipe]] = ()
     models: Mapping[str, Recipe] = field(default_factory=dict)
@@ -87,7 +87,7 @@ class StudySettings:
     naive: bool = True
     march: MarchSettings = DEFAULT_MARCH
     repetitions: int = 3
-    correction: Reductor | None = None
+    correction: DataclassInstance | None = None
 
     def __post_init__(self) -> None:
         check_counts(
