@@ -12,7 +12,7 @@ import numpy as np
 
 from hhr_dolfinx.plugins.pages.kernel import kernel_file
 from hhr_dolfinx.plugins.pages.packing import Json, Steps
-from hhr_dolfinx.plugins.pages.records import Field, KernelData, RecordedFormula, Struct
+from hhr_dolfinx.plugins.pages.records import Data, Field, KernelData, RecordedFormula, Struct
 
 _TYPEDEF = re.compile(r"typedef struct \{([^{}]*)\} model_(\w+);")
 _SCALARS = {"double": "d", "int": "i", "model_function": "i"}
@@ -70,7 +70,7 @@ class _LayoutWriter:
             for name, code in layouts()[record.kind].items()
         ]
 
-    def value(self, value: Field, code: str) -> Json:
+    def value(self, value: Field | Data, code: str) -> Json:
         """Plain value of a field with a code of :func:`layouts`."""
         if isinstance(value, RecordedFormula):
             if value.steps is None:

@@ -15,9 +15,11 @@ from hhr_dolfinx.plugins.pages.packing import Steps
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-Nested: TypeAlias = "RecordedFormula | Struct | list[RecordedFormula] | list[Struct]"
-"""Formulas and records in a field of a record."""
-Field: TypeAlias = "Nested | np.ndarray | str | float | None"
+Data: TypeAlias = "Struct | list[Struct] | np.ndarray | str | None"
+"""Records and arrays of a kernel; a text is the name of an array."""
+Field: TypeAlias = (
+    "RecordedFormula | Struct | list[RecordedFormula] | np.ndarray | str | float | None"
+)
 """Field of a record; a text is the name of an array."""
 
 
@@ -33,7 +35,7 @@ class Struct:
     """Struct of the type ``model_KIND``; fields that are missing are zero."""
 
     kind: str
-    fields: Mapping[str, Field]
+    fields: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class KernelData:
     """Sizes by their names, and arrays and records by theirs."""
 
     sizes: dict[str, int | float]
-    data: dict[str, Field]
+    data: dict[str, Data]
 
 
 def kernel_data(
@@ -68,7 +70,7 @@ class _RecordReader:
         tree = self.tree
         groups = self.arrays[tree["groups"]] if tree["groups"] else np.zeros(tree["m"], dtype=int)
         group_of_rows = np.unique(groups, return_inverse=True)[1]
-        data: dict[str, Field] = {
+        data: dict[str, Data] = {
             "lower": np.array(ends[0], dtype=float),
             "upper": np.array(ends[1], dtype=float),
             "pairs": group_of_rows,
@@ -101,12 +103,12 @@ class _RecordReader:
         name: str = (tree["flow"] or tree)["gaps" if tree["schur"] is None else "free_slack"]
         return name
 
-    def _path(self, item: dict[str, Any]) -> Mapping[str, Field]:
+    def _path(self, item: dict[str, Any]) -> Mapping[str, Data]:
         """Parameters that are fixed along a path, and the box of its start."""
         ends = {f"box_{name}": np.array(self.tree[name]) for name in ("lower", "upper")}
         return {"fixed": np.array(item["fixed"], dtype=int)} | ends
 
-    def _ranges(self, item: dict[str, Any]) -> Mapping[str, Field]:
+    def _ranges(self, item: dict[str, Any]) -> Mapping[str, Data]:
         """Laws of plug-ins, each on its conditions."""
         ranges = []
         formulas = first = 0
@@ -131,7 +133,7 @@ class _RecordReader:
             first += rows.size * law_range["memory"]
         return {"ranges": ranges}
 
-    def _flow(self, item: dict[str, Any]) -> Mapping[str, Field]:
+    def _flow(self, item: dict[str, Any]) -> Mapping[str, Data]:
         same = "per_mode per_force forced given moved modal coupled pressed weights".split()
         names = {name: name for name in same} | {
             "flow_schur": "schur",
@@ -167,7 +169,7 @@ class _RecordReader:
         }
         return Struct("program", fields)
 
-    def _friction(self, item: dict[str, Any]) -> Mapping[str, Field]:
+    def _friction(self, item: dict[str, Any]) -> Mapping[str, Data]:
         # index of the first tangential row of each contact, and the end of the last
         along = np.searchsorted(
             self.arrays[item["owner"]], np.arange(self.arrays[item["normal"]].size + 1)
@@ -189,7 +191,7 @@ class _RecordReader:
             "laws": [Struct("law", fields) for fields in laws],
         }
 
-    def _floating(self, item: dict[str, Any]) -> Mapping[str, Field]:
+    def _floating(self, item: dict[str, Any]) -> Mapping[str, Data]:
         """Contact rows of rigid motions, loads along them, their units, and stiffnesses of
         springs.
         """
