@@ -390,7 +390,7 @@ def _check_same_scene(reduced: AnsweringModel, bound: Bound, full: FullOrderMode
             answer.forces()[None]
         )[0]
         slack = gaps - problem.contact @ answer.unknown
-        kernel: Any = full.problem.kernel
+        kernel = full.problem.kernel
         if kernel is not None:  # S does not include rigid motions
             contact_of_motions = kernel.contact_of_motions
             slack = (

@@ -5,7 +5,7 @@ needs no factor.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -21,15 +21,21 @@ from hhr_dolfinx.plugins.foreign.loads import vector_of
 from hhr_dolfinx.plugins.foreign.parts import Blocks, Parts
 from hhr_dolfinx.plugins.tables.matrices import condense_matrices
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.loads import Pressure, Traction
+    from hhr_dolfinx.plugins.foreign.loads import ForeignLoad
+    from hhr_dolfinx.plugins.nodal_loads.loads import NodalForce
+    from hhr_dolfinx.scene import Displacement, Opening
+
 
 def condense_blocks(
     foreign: Blocks,
     parameters: ParameterSpace,
     contacts: Sequence[Pairing],
     *,
-    displacements: Sequence[Any] = (),
-    loads: Sequence[Any] = (),
-    openings: Sequence[Any] = (),
+    displacements: Sequence[tuple[Tag | Place, int] | Displacement] = (),
+    loads: Sequence[ForeignLoad | NodalForce | Pressure | Traction] = (),
+    openings: Sequence[tuple[int, Amplitude | Formula | str | float] | Opening] = (),
     outputs: Mapping[str, tuple[Tag | Place, int]] | None = None,
 ) -> CondensedModel:
     """Condense blocks of other codes; the model has forces of each contact as outputs, ``force 0
@@ -87,7 +93,7 @@ def condense_blocks(
     )
 
 
-def _check(foreign: Blocks, contacts: Sequence[Any]) -> None:
+def _check(foreign: Blocks, contacts: Sequence[Pairing]) -> None:
     """Raise NotOfferedError for what needs a scene."""
     scene = "make a scene of it, foreign.scene(...), and condense that, hhr.condense(scene)"
     if foreign.unchecked:
@@ -118,7 +124,9 @@ def _check_known(parts: Parts, held: np.ndarray, rows: ContactRows, columns: np.
             )
 
 
-def _held(parts: Parts, displacements: Sequence[Any]) -> np.ndarray:
+def _held(
+    parts: Parts, displacements: Sequence[tuple[Tag | Place, int] | Displacement]
+) -> np.ndarray:
     """Dofs that displacements hold, (N,) bool."""
     held = np.zeros(3 * len(parts.points), dtype=bool)
     for displacement in displacements:
@@ -139,17 +147,17 @@ def _held(parts: Parts, displacements: Sequence[Any]) -> np.ndarray:
 
 def _terms(
     parts: Parts,
-    loads: Sequence[Any],
-    openings: Sequence[Any],
+    loads: Sequence[ForeignLoad | NodalForce | Pressure | Traction],
+    openings: Sequence[tuple[int, Amplitude | Formula | str | float] | Opening],
     rows: ContactRows,
     pairs: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, list[Any]]:
+) -> tuple[np.ndarray, np.ndarray, list[Amplitude | str | float]]:
     """Loads, (N, T), gaps, (m, T), and their amplitudes, the first of which is 1 and has the gaps
     of the mesh.
     """
     columns = [np.zeros(3 * len(parts.points))]
     gaps = [rows.gap]
-    amplitudes: list[Any] = [1.0]
+    amplitudes: list[Amplitude | str | float] = [1.0]
     for load in loads:
         vector = vector_of(load, parts)
         if vector is None:
@@ -169,13 +177,13 @@ def _terms(
     return np.column_stack(columns), np.column_stack(gaps), amplitudes
 
 
-def _amplitude(given: Any) -> Any:
+def _amplitude(given: Amplitude | Formula | str | float) -> Amplitude | str | float:
     """An amplitude as :func:`condense_matrices` takes it."""
     return given.text if isinstance(given, Formula) else given
 
 
 def _means(
-    parts: Parts, outputs: Mapping[str, tuple[Any, int]], free: np.ndarray
+    parts: Parts, outputs: Mapping[str, tuple[Tag | Place, int]], free: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Rows of mean displacements on free dofs, by name."""
     means = {}
@@ -188,7 +196,7 @@ def _means(
 
 
 def _resultants(
-    parts: Parts, contacts: Sequence[Any], rows: ContactRows, pairs: np.ndarray
+    parts: Parts, contacts: Sequence[Pairing], rows: ContactRows, pairs: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Weights of forces whose sums are the resultants on the body of the first surface, by name."""
     weights = {}

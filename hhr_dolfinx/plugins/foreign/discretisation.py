@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from functools import partial
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 import numpy as np
 from mpi4py import MPI
@@ -34,7 +34,10 @@ from hhr_dolfinx.plugins.foreign.parts import Blocks, Parts, node_mass
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
+    import ufl
+
     from hhr_dolfinx.full_order.system import StatedSystem
+    from hhr_dolfinx.outputs import Output
 
 ROUND_OFF = 1e-12
 """Part of the largest coefficient up to which that of a dof that K lacks is round-off."""
@@ -248,7 +251,7 @@ class ForeignDiscretisation(Discretisation):
         amplitude = bound(load.amplitude, self.scene.parameters)  # type: ignore[attr-defined]
         return [Term(amplitude, csc_matrix(forces[:, None]))]
 
-    def assembler(self, load: Any) -> Assembler:
+    def assembler(self, load: Load | Output) -> Assembler:
         """Interface for a load or an output; integrals over a mesh are refused."""
         refuse = partial(self._refuse, load)
         return Assembler(
@@ -266,7 +269,7 @@ class ForeignDiscretisation(Discretisation):
             eigenstress=refuse,
         )
 
-    def _refuse(self, load: object, *given: object) -> Any:
+    def _refuse(self, load: Load | Output, *given: Tag | ufl.Form) -> NoReturn:
         raise NotOfferedError(
             f"{type(load).__name__} is an integral over a mesh, and the blocks of scene "
             f"'{self.scene.name}' have a K of "

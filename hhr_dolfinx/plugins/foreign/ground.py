@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -15,6 +15,9 @@ from hhr_dolfinx.declared import KnownArguments
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.plugins.foreign.parts import BareNodes
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True)
@@ -36,11 +39,11 @@ class NodesToGround(KnownArguments):
     """
 
     nodes: Tag
-    normal: Any
-    gap: Any = 0.0
+    normal: ArrayLike
+    gap: ArrayLike = 0.0
     plane: float | None = None
-    area: Any = 1.0
-    friction: Any = field(default=None, metadata=LAW)
+    area: ArrayLike = 1.0
+    friction: PairLaw | str | float | None = field(default=None, metadata=LAW)
     law: PairLaw | None = field(default=None, metadata=LAW)
 
     @property

@@ -18,7 +18,7 @@ from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.plugins.foreign.dof_table import DIRECTIONS
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.loads import Assembler, Term
+    from hhr_dolfinx.loads import Assembler, Load, Term
     from hhr_dolfinx.plugins.foreign.parts import Parts
 
 Dofs = Mapping[tuple[int, int], float]
@@ -82,7 +82,7 @@ class ForeignLoad(KnownArguments):
         return vector
 
 
-def vector_of(load: object, parts: Parts) -> np.ndarray | None:
+def vector_of(load: Load, parts: Parts) -> np.ndarray | None:
     """Forces of a load on all dofs for the amplitude 1, (N,).
 
     None for a load that needs an assembler.

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from hhr_dolfinx.plugins.foreign.faces import (
     solid_faces,
 )
 from hhr_dolfinx.plugins.foreign.frd import Results, read_frd
+
+if TYPE_CHECKING:
+    import meshio
 
 EXPANDED = {
     ("S", 3): [0, 1, 2] * 2,
@@ -339,7 +342,7 @@ def _of_mesh(path: Path) -> ForeignNodes:
     )
 
 
-def _named_surfaces(mesh: Any, points: np.ndarray) -> Iterator[tuple[str, Faces]]:
+def _named_surfaces(mesh: meshio.Mesh, points: np.ndarray) -> Iterator[tuple[str, Faces]]:
     """Surfaces of the sets of a mesh of meshio."""
     for name, chosen in mesh.cell_sets.items():
         rows, inner = _of_facets(mesh, points, chosen)
@@ -348,7 +351,7 @@ def _named_surfaces(mesh: Any, points: np.ndarray) -> Iterator[tuple[str, Faces]
 
 
 def _of_facets(
-    mesh: Any, points: np.ndarray, chosen: Sequence[Any] | None = None
+    mesh: meshio.Mesh, points: np.ndarray, chosen: Sequence[np.ndarray | None] | None = None
 ) -> tuple[list[list[int]], list[np.ndarray]]:
     """Nodes of flat cells of a mesh, and an inner point of each, by the order of its corners."""
     facets: list[list[int]] = []
@@ -389,7 +392,7 @@ def _matched(nodes: ForeignNodes, name: str, path: Path) -> Faces:
     return Faces.of([[int(nearest[k]) for k in row] for row in rows], inner)
 
 
-def _by_meshio(path: Path) -> Any:
+def _by_meshio(path: Path) -> meshio.Mesh:
     """Mesh of a file as meshio reads it; FileContentError for a damaged one."""
     from hhr_dolfinx.compat import extra
 

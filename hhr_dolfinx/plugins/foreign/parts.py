@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from scipy.sparse import block_diag, coo_matrix, csr_matrix, identity, kron
@@ -18,6 +18,8 @@ from hhr_dolfinx.plugins.foreign.case import carriers_of
 from hhr_dolfinx.plugins.foreign.faces import Faces, joined_faces
 from hhr_dolfinx.plugins.foreign.placed import Placed
 
+Named = TypeVar("Named")
+"""Kind of what a name stands for: numbers of nodes, or faces."""
 DIRECTION_WORDS = ("along x", "along y", "along z")
 """Words for directions of dofs."""
 
@@ -190,7 +192,7 @@ class Parts:
     def _name(self, block: ForeignBlock, name: str) -> str:
         return name if len(self.blocks) == 1 else f"{block.name}.{name}"
 
-    def _found(self, tag: Tag, known: dict, kind: str) -> object:
+    def _found(self, tag: Tag, known: Mapping[Any, Named], kind: str) -> Named:
         """Item by its name, in any case; SceneError for an unknown one."""
         for name in (
             tag,

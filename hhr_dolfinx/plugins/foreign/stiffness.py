@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from hhr_dolfinx.body import Body
 from hhr_dolfinx.declared import KnownArguments
@@ -65,7 +65,7 @@ class ForeignStiffness(KnownArguments):
         return tuple(Body(block.name, _number(block.factor), 0.0) for block in self.blocks)
 
     @property
-    def geometry(self) -> Callable[[MPI.Comm], Any]:
+    def geometry(self) -> Callable[[MPI.Comm], NoReturn]:
         """Geometry of a scene that has no mesh."""
         return NoMesh(tuple(block.name for block in self.blocks))
 
@@ -124,7 +124,7 @@ class NoMesh:
 
     blocks: tuple[str, ...]
 
-    def __call__(self, comm: MPI.Comm) -> Any:
+    def __call__(self, comm: MPI.Comm) -> NoReturn:
         """Refuse: what needs a mesh of DOLFINx is not built in for foreign blocks."""
         raise SceneError(
             f"blocks {', '.join(self.blocks)} have no mesh of DOLFINx: their K comes from another "

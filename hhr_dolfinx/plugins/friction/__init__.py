@@ -8,6 +8,7 @@ from hhr_dolfinx.registry import Plugin, Stage
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.reduction.recipe import Recipe
 
 _HERE = "hhr_dolfinx.plugins.friction"
 _OUTPUTS = {
@@ -19,7 +20,7 @@ _BUILD = "hhr_dolfinx.reduction.build"
 _OURS = "friction"
 
 
-def _wanted(full: FullModel, recipe: object) -> bool:
+def _wanted(full: FullModel, recipe: Recipe) -> bool:
     return _OURS in full.law.plugins
 
 

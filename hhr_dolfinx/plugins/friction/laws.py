@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -229,7 +229,7 @@ class Friction(ContactLaw, Rebuilt):
         mask[self.tangential[idle]] = inside[self.normal[self.owner[idle]]]
         return mask
 
-    def parts(self) -> list[Any]:
+    def parts(self) -> list[str | np.ndarray]:
         """See :class:`ContactLaw`."""
         texts = ["" if scalar is None else scalar.text for scalar in self._scalars]
         rows = [
@@ -284,7 +284,7 @@ class Friction(ContactLaw, Rebuilt):
         """See :class:`ContactLaw`."""
         return {"tangential": self.tangential.size, "frictional": self.normal.size}
 
-    def stored(self, memory: Mapping[str, Any]) -> dict[str, Any]:
+    def stored(self, memory: Memory) -> dict[str, np.ndarray]:
         """See :class:`ContactLaw`."""
         return dict(memory[SLIP]._asdict())
 

@@ -5,10 +5,9 @@ by them.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from hhr_dolfinx.plugins.friction.laws import Friction
-from hhr_dolfinx.plugins.pages.packing import Packed, steps_of
+from hhr_dolfinx.plugins.pages.packing import Json, Packed, steps_of
 
 _FOLDER = Path(__file__).parent
 
@@ -20,14 +19,14 @@ class _Page:
     header = _FOLDER / "friction.h"
     range_header = _FOLDER / "friction_range.h"
 
-    def tree(self, law: Friction, arrays: Packed) -> dict[str, Any]:
+    def tree(self, law: Friction, arrays: Packed) -> dict[str, Json]:
         """Arrays of friction for a page, see :class:`~hhr_dolfinx.plugins.pages.laws.LawOnPage`.
 
         Args:
             law: friction of the conditions.
             arrays: arrays of the page, to which those of the law are added.
         """
-        tree: dict[str, Any] = {
+        tree: dict[str, Json] = {
             name: arrays.put(f"friction_{name}", getattr(law, name), "<i4")
             for name in ("normal", "tangential", "owner", "law", "twice")
         }

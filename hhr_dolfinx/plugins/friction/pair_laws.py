@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -26,8 +26,8 @@ class _Tangential(KnownArguments, PairLaw):
     """A law of the tangential forces of a contact pair, by two constants."""
 
     plugin: ClassVar[str] = "friction"
-    coefficient: Any
-    limit: Any
+    coefficient: float | str | None
+    limit: float | str | None
 
     @property
     def texts(self) -> tuple[str, ...]:
@@ -170,7 +170,7 @@ pressures.
 """
 
 
-def law_of(friction: Any, what: str) -> Law | None:
+def law_of(friction: Law | str | float | None, what: str) -> Law | None:
     """Law for the friction that a user gave for a pair: None, a law, or the coefficient of
     Coulomb's law.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -79,11 +79,9 @@ class _PartSurface(SolvedContacts):
     def __init__(self, fields: Any):
         self._fields = fields
         self._parts: InterfaceCompletion = fields.interface
-        self._inside: Any = (
-            self._parts.inside
-        )  # friction of the RID, with the row numbers of the RID
-        friction: Any = self._parts.whole
-        super().__init__(friction)
+        # friction of the RID, with the row numbers of the RID
+        self._inside = cast("Friction", self._parts.inside)
+        super().__init__(cast("Friction", self._parts.whole))
 
     def at_rest(self, gaps: np.ndarray, point: np.ndarray) -> SlipState:
         normal = self.whole.normal

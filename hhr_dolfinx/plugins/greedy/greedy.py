@@ -13,7 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -40,7 +40,7 @@ from hhr_dolfinx.plugins.greedy.lattice import Lattice
 from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Pod, Recipe
 from hhr_dolfinx.sampling import Sobol
-from hhr_dolfinx.snapshots.records import SnapshotSet
+from hhr_dolfinx.snapshots.records import Progress, SnapshotSet
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.warn import warn
 
@@ -125,8 +125,8 @@ class Greedy:
     indicator: GreedyIndicator | None = None
     tolerance: float = 0.01
     budget: int = 150
-    start: Any = None
-    candidates: Any = None
+    start: Sampling | None = None
+    candidates: Sampling | None = None
     together: int = 16
     recipe: Recipe | None = None
     family: PathFamily | None = None
@@ -191,9 +191,9 @@ class Greedy:
     def grown(
         self,
         full: FullOrderModel,
-        solve: Callable[[Any], SnapshotSet],
+        solve: Callable[[np.ndarray | list[NamedPath]], SnapshotSet],
         comm: Comm,
-        progress: Callable[[Any], Any] = iter,
+        progress: Progress = iter,
         store: SnapshotStore | None = None,
     ) -> tuple[SnapshotSet, GreedyChoice]:
         """Compute training answers, and the record of their choice.

@@ -39,8 +39,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.models.reduced import ReducedModel
+    from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
 
-Score = Callable[[Any, SnapshotSet, Sequence[Any]], np.ndarray]
+Score = Callable[["ReducedModel", SnapshotSet, Sequence[Any]], np.ndarray]
 """Maps a reduced model, the answers it was built from, and some of its answers to indicators, (n,)
 or (n, k).
 """
@@ -124,7 +125,7 @@ class ForceError:
         settings: of the interpolation, a ``GridSettings``; None for the defaults.
     """
 
-    settings: Any = None
+    settings: GridSettings | None = None
 
     def prepared(self, full: FullOrderModel) -> Score:
         """Indicator that compares forces with those of a condensed model.
@@ -144,7 +145,7 @@ class ForceError:
                 "there. Train on points of the whole box instead: Sobol(128), or --sobol 128 in a "
                 "command"
             )
-        condensed: list[Any] = []
+        condensed: list[CondensedModel] = []
         exact: dict[bytes, np.ndarray] = {}
 
         def score(model: ReducedModel, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -342,7 +342,7 @@ class CorrectionSettings(Reductor["_Shared"]):
                 )
 
     @classmethod
-    def usual(cls, settings: Any, *, fields: bool | None) -> Reductor:
+    def usual(cls, settings: Reductor | None, *, fields: bool | None) -> Reductor:
         """See :meth:`~hhr_dolfinx.reduction.reductor.Reductor.usual`; fields are always there.
 
         Args:

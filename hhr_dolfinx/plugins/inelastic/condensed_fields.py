@@ -307,7 +307,9 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         )
         return float(np.linalg.norm(residual)), float(np.linalg.norm(gauss.stress))
 
-    def _giving(self, point: np.ndarray, places: Any = slice(None)) -> Any:
+    def _giving(
+        self, point: np.ndarray, places: slice | np.ndarray = slice(None)
+    ) -> float | np.ndarray:
         """Compliance of some Gauss points relative to the middle of the box, (places, 1).
 
         1 for constant moduli.

@@ -21,7 +21,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from scipy.linalg import LinAlgError
@@ -68,6 +68,9 @@ from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.trained import Signs, TrainedPaths
 from hhr_dolfinx.plugins.inelastic.update import Group, LastOf, Material
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.reduction.reductor import Record
 
 
 @dataclass(frozen=True)
@@ -702,7 +705,7 @@ class CondensedFlowModel(KeptModel):
         fields: CondensedFlowFields,
         trained: TrainedPaths | None = None,
         *,
-        offline: object = None,
+        offline: Record | None = None,
     ):
         self.flow = flow
         self.parameters = parameters

@@ -33,7 +33,7 @@ compile), contact forces for one correction, sums over the points, and Newton's 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -132,7 +132,7 @@ class WorkArrays(NamedTuple):
             memory: rows of the memory.
         """
         # not by shape: two sizes may be the same
-        shapes: dict[str, Any] = dict.fromkeys(
+        shapes: dict[str, int | tuple[int, ...]] = dict.fromkeys(
             ("here", "there", "direction", "residual", "left"), modes
         )
         shapes |= dict.fromkeys(("forces", "slack"), conditions) | {"newton": (modes, modes)}

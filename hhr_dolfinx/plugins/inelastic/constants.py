@@ -189,7 +189,7 @@ class ModuliOfParameters:
 
 
 def check_law_over_box(
-    law: Any,
+    law: Law | LawProgram | None,
     space: ParameterSpace,
     what: str,
     coordinates: Sequence[str] = (),
@@ -249,7 +249,7 @@ class _LawsOfScenes:
                 "law, and leave the grading out"
             )
 
-    def linear_stress(self, law: Any) -> Callable[[Expr], Expr] | None:
+    def linear_stress(self, law: Law) -> Callable[[Expr], Expr] | None:
         """Stress of a law that states it as a function of the strain, both (3, 3), in UFL.
 
         None for any other law.
@@ -257,7 +257,7 @@ class _LawsOfScenes:
         stress: Callable[[Expr], Expr] | None = getattr(law, "linear_stress", None)
         return stress
 
-    def check_hypothesis(self, law: Any, hypothesis: str) -> None:
+    def check_hypothesis(self, law: Law, hypothesis: str) -> None:
         """Refuse a law in a frame that turns the axis across the plane.
 
         Args:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
@@ -58,6 +58,17 @@ class LinearisedStep(Protocol):
             x: unknowns, (n, K).
         """
 
+    def changed(
+        self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The unknown, (n,), and forces, (m,), of small changes at constant statuses.
+
+        Args:
+            residual: change of the residual, (n,).
+            gaps: change of the gaps, (m,).
+            active: statuses, (m,) bool.
+        """
+
 
 class ContactSlopes(Protocol):
     """Derivatives of the contacts of one history, step by step."""
@@ -68,7 +79,7 @@ class ContactSlopes(Protocol):
 
     def step(
         self,
-        linear: Any,
+        linear: LinearisedStep,
         answer: Answer,
         slack: np.ndarray,
         right: tuple[np.ndarray, np.ndarray],
@@ -97,7 +108,7 @@ class UnilateralSlopes:
 
     def step(
         self,
-        linear: Any,
+        linear: LinearisedStep,
         answer: Answer,
         slack: np.ndarray,
         right: tuple[np.ndarray, np.ndarray],

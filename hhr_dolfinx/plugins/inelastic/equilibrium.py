@@ -28,6 +28,8 @@ from hhr_dolfinx.plugins.inelastic.trained import Signs, TrainedPaths
 from hhr_dolfinx.plugins.inelastic.update import LastOf, Material
 
 if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
     from hhr_dolfinx.formulas import Modulus
 
 
@@ -38,7 +40,7 @@ class Linearisation:
     Exact for elastic bodies.
     """
 
-    rows: Any  #: B
+    rows: np.ndarray | csr_matrix  #: B
     gaps: np.ndarray  #: as terms of θ
     pairs: Pairs | None  #: conditions by contact pair
     moduli: np.ndarray  #: tangents H at the Gauss points, (points, components, components)

@@ -55,6 +55,8 @@ from hhr_dolfinx.plugins.ufl_programs.machine import evaluated
 from hhr_dolfinx.plugins.ufl_programs.program import Order, Program
 
 if TYPE_CHECKING:
+    from ufl.core.expr import Expr
+
     from hhr_dolfinx.forms.laws import At, Stated
 
 NUMBER = 1
@@ -772,7 +774,7 @@ class _Made:
 
         law = self.law
         try:
-            stated: Any = law.statement(at)
+            stated = law.statement(at)
         except SceneError:
             raise
         except (AttributeError, KeyError) as error:  # a name that it does not have
@@ -808,7 +810,7 @@ class _Made:
             )
         return stated
 
-    def _initial(self, given: Mapping[str, Any]) -> list[int]:
+    def _initial(self, given: Mapping[str, Expr]) -> list[int]:
         """Nodes of values of the unknowns, 0 for those not given."""
         zero = self.graph.const(0)
         values = (

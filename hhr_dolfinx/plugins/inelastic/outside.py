@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import NamedTuple, NoReturn
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from hhr_dolfinx.plugins.inelastic.law import (
 )
 from hhr_dolfinx.plugins.inelastic.local_solver import NOT_SOLVED, SOLVED, STRAIN_ROUND_OFF
 from hhr_dolfinx.plugins.inelastic.state import deviator
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.forms.laws import At
 
 STANDARD_MEMORY = {"inelastic": 0, "cumulated": 1, "strain": 0}
 """Memory of all these laws with its sizes; the old stress follows from it."""
@@ -88,7 +91,7 @@ class OutsideLaw(Law):
         """Sizes of the memory for strains of 4 or 6 components."""
         return law_sizes(self.memory, strains)
 
-    def statement(self, at: object) -> NoReturn:
+    def statement(self, at: At) -> NoReturn:
         """Refuse uses of a law in UFL.
 
         Raises:

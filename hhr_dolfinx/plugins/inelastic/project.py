@@ -116,7 +116,7 @@ def training_tangents(
         snapshots: training answers.
         count: states of each history.
     """
-    states: list[tuple[Any, csr_matrix]] = []
+    states: list[tuple[np.ndarray, csr_matrix]] = []
     for history in snapshots.histories if full.material.flows else ():
         steps = np.unique(np.linspace(0, len(history.answers), count + 1).astype(int)[1:])
         for step in steps[steps > 0] - 1:

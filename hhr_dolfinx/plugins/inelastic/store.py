@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -74,7 +73,7 @@ class StoredGauss:
                 digests.append(self._behaviours[key])
         return digests
 
-    def arrays(self, answer: Answer) -> dict[str, Any]:
+    def arrays(self, answer: Answer) -> dict[str, np.ndarray]:
         """Stress and state."""
         gauss = state(answer)
         return {"stress": gauss.stress, **gauss.state._asdict()}

@@ -38,6 +38,7 @@ from hhr_dolfinx.study.training.train import Progress, Training
 from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import KeptModel
     from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
     from hhr_dolfinx.plugins.studies.settings import StudySettings, View
 
@@ -238,7 +239,7 @@ class Measured:
         cls,
         name: tuple[str, str],
         full: FullOrderModel,
-        model: Any,
+        model: Model,
         runs: list[Run],
         exact: list[History],
         floor: float,
@@ -424,9 +425,9 @@ def measure_histories(
 
 def _runs(
     full: FullOrderModel,
-    models: Mapping[str, Any],
+    models: Mapping[str, Model],
     tests: Mapping[str, HistoryPath],
-    ways: Any,
+    ways: Sequence[MarchSettings],
     settings: StudySettings,
     progress: Progress,
 ) -> tuple[dict[str, HistoryPath], list[Run], dict[str, list[Run]]]:
@@ -453,7 +454,7 @@ def _runs(
 
 def _built(training: Training, settings: StudySettings) -> tuple[Report, dict[str, HHRError]]:
     """Small models by method, HHR first, and the errors of refused ones."""
-    makers: dict[str, Callable[[], Any]] = {
+    makers: dict[str, Callable[[], KeptModel]] = {
         "HHR": partial(training.build, settings.recipe),
         "condensed": partial(training.condense, settings.correction),
     }

@@ -56,7 +56,7 @@ WORK_SUM_ERROR = 1e-3
 
 @blaming
 def check_law(
-    law: Any, *, young: float = 200.0, poisson: float = 0.3, strain: float = 0.02, dt: float = 0.1
+    law: Law, *, young: float = 200.0, poisson: float = 0.3, strain: float = 0.02, dt: float = 0.1
 ) -> None:
     """Check a law of a body with numbers as constants, along random paths of strains in the plane.
 

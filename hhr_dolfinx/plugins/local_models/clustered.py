@@ -37,6 +37,7 @@ from hhr_dolfinx.warn import collected, warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.models.reconstruct import Reconstruction
     from hhr_dolfinx.study.training.train import Training
 
 REGION_POINTS = 200
@@ -356,7 +357,7 @@ def together(
     )
 
 
-def _alike(models: list[ReducedModel]) -> list[Any]:
+def _alike(models: list[ReducedModel]) -> list[Reconstruction]:
     """Fields of the models with a common smallest denominator of relative errors of forces.
 
     It is that of all training.

@@ -369,7 +369,7 @@ def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:
         )
 
 
-def _scene_of(model: ReducedModel) -> list:
+def _scene_of(model: ReducedModel) -> list[ParameterSpace | int | tuple[int, ...] | str]:
     """Box, mesh, and names of outputs of a model."""
     functionals = model.fields.functionals
     outputs = () if functionals is None else functionals.items

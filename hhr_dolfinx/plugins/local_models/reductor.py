@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from hhr_dolfinx.errors import NotOfferedError, StudyError
 from hhr_dolfinx.plugins.local_models.models import LocalModels
@@ -25,6 +25,21 @@ if TYPE_CHECKING:
     from hhr_dolfinx.trained import Trained
 
 
+class TrainingSplit(Protocol):
+    """Way to divide a training among local models: ``Splitting``, ``Clusters``, or another one."""
+
+    def models(
+        self, training: Training, recipe: Recipe, progress: Callable[[Iterable], Iterable]
+    ) -> LocalModels:
+        """Local models of a training.
+
+        Args:
+            training: the full model with its answers.
+            recipe: recipe of each model.
+            progress: wraps the iteration over the models.
+        """
+
+
 @dataclass(frozen=True)
 class Local(Reductor[Task]):
     """Local models. Each part is checked by itself, so that they are not compared again.
@@ -33,7 +48,7 @@ class Local(Reductor[Task]):
     with ``models``; a recipe of None is the default of the scene.
     """
 
-    how: Any = Splitting()
+    how: TrainingSplit = Splitting()
     recipe: Recipe | None = None
     progress: Callable[[Iterable], Iterable] = iter
     method: ClassVar[str] = "local"
@@ -77,7 +92,7 @@ class Local(Reductor[Task]):
 
 def local(
     training: Training,
-    how: Any = None,
+    how: TrainingSplit | None = None,
     *,
     recipe: Recipe | None = None,
     checked: bool = True,

@@ -5,7 +5,7 @@ grows as needed.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -135,7 +135,7 @@ class _Run:
         self.models: list[ReducedModel] = []
         self.kept: tuple[int, SnapshotSet] | None = None
         # axis, cut, low, high and label of each node, see Choice
-        self.nodes: list[list[Any]] = [[LEAF, 0.0, 0, 0, LEAF]]
+        self.nodes: list[list[float]] = [[LEAF, 0.0, 0, 0, LEAF]]
 
     def grown(self, progress: Progress) -> LocalModels:
         """Split and build until every part has a model."""

@@ -10,15 +10,16 @@ from hhr_dolfinx.registry import Bounds, Plugin, Stage, Way
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.reduction.recipe import Recipe
 
 _HERE = "hhr_dolfinx.plugins.moduli"
 
 
-def _wanted(full: FullModel, recipe: object = None) -> bool:
+def _wanted(full: FullModel, recipe: Recipe | None = None) -> bool:
     return full.equilibrium is None and full.problem.varies
 
 
-def _of_one_shape(full: FullModel, recipe: object) -> bool:
+def _of_one_shape(full: FullModel, recipe: Recipe) -> bool:
     return _wanted(full) and full.problem.reshaped is None
 
 

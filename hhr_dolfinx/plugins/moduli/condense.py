@@ -210,7 +210,7 @@ class _Prepared(NamedTuple):
             return _starts_beside_motions(_with_motions(compliances, problem), points, problem)
 
         def starts() -> dict[str, np.ndarray]:
-            starts_of_points: Any = linear_starts(
+            starts_of_points = linear_starts(
                 compliances, points, problem.contact_pairs, group=full.group, announce=announce
             )
             return {
@@ -418,13 +418,13 @@ class Condensation(Reductor[_Prepared]):
         for budget in GRID_BUDGETS:
             settings = GridSettings(tolerance, budget)
 
-            def make(settings: GridSettings = settings) -> Any:
+            def make(settings: GridSettings = settings) -> CondensedModel:
                 task = Task(search.full, search.checked, announce=search.announce, sure=0)
                 return made(
                     Condensation(settings, along=True, finer=True, spare=spare), task, before
                 )
 
-            def spared(settings: GridSettings = settings) -> Any:
+            def spared(settings: GridSettings = settings) -> CondensedModel:
                 # all expensive results exist by now, so the budget need not stop the rest
                 task = Task(search.full, announce=search.progress, sure=0)
                 return made(Condensation(settings, fields=False), task, before)
@@ -611,7 +611,9 @@ def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> 
         significant = energies > 1e-12 * energies[-1]
         basis = basis @ (ways[:, significant] / np.sqrt(energies[significant]))
     projected: Any = whole_problem(problem, basis, settings)
-    galerkin: Any = BlockElimination(projected, problem.amplitudes)
+    galerkin: BlockElimination | ReshapedElimination = BlockElimination(
+        projected, problem.amplitudes
+    )
     if problem.reshaped is not None:
         galerkin = ReshapedElimination(projected, problem.amplitudes, problem.parameters)
     spanned = basis if motions is None else np.hstack([basis, motions])

@@ -93,7 +93,7 @@ class Compliance:
         )
 
     @cached_property
-    def block(self) -> tuple:
+    def block(self) -> tuple[slice, slice] | tuple[np.ndarray, ...]:
         """Index of S_c in S."""
         return (
             (self.where, self.where)

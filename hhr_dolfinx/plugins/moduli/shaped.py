@@ -104,7 +104,7 @@ class ReshapedElimination(Elimination):
         self,
         point: np.ndarray,
         trial: np.ndarray,
-        factors: tuple,
+        factors: tuple[np.ndarray, np.ndarray],
         forces: np.ndarray,
         unknown: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, identity
@@ -77,7 +77,7 @@ class Mortar(SlaveAndMaster):
 
     normal: tuple[float, ...] | None = None
     multipliers: str = "dual"
-    friction: Any = field(default=None, metadata=LAW)
+    friction: PairLaw | str | float | None = field(default=None, metadata=LAW)
     law: PairLaw | None = field(default=None, metadata=LAW)
 
     def __post_init__(self) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from scipy import linalg
@@ -47,7 +46,7 @@ class DoublePass:
     first: Tag
     second: Tag
     normal: tuple[float, ...] | None = None
-    friction: Any = field(default=None, metadata=LAW)
+    friction: PairLaw | str | float | None = field(default=None, metadata=LAW)
     law: PairLaw | None = field(default=None, metadata=LAW)
 
     @property

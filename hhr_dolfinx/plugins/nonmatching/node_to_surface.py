@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -89,7 +89,7 @@ class NodeToSurface(SlaveAndMaster):
     """
 
     normal: tuple[float, ...] | None = None
-    friction: Any = field(default=None, metadata=LAW)
+    friction: PairLaw | str | float | None = field(default=None, metadata=LAW)
     law: PairLaw | None = field(default=None, metadata=LAW)
     at_nodes: bool = False
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -18,6 +18,9 @@ from hhr_dolfinx.formulas import formula_of
 from hhr_dolfinx.pairings.surface import Surface, area_vectors, normalised
 from hhr_dolfinx.plugins.nonmatching.projection import closest_points
 from hhr_dolfinx.plugins.obstacles.rigid import Rigid, Size
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 CURVE_ITERATIONS = 8
 """Newton steps on a curve: from a chord three to four reach round-off."""
@@ -402,7 +405,7 @@ class RigidMesh(_Drawn):
         return facets_of(points[used], numbers.reshape(-1, 3))
 
 
-def _array(given: Any) -> np.ndarray:
+def _array(given: ArrayLike | None) -> np.ndarray:
     """Numbers as an array; an empty one for anything else."""
     try:
         return np.array(given, dtype=float)

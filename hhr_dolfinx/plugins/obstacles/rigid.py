@@ -168,7 +168,7 @@ class Rigid(KnownArguments):
     """
 
     surface: Tag
-    friction: Any = field(default=None, metadata=LAW, kw_only=True)
+    friction: PairLaw | str | float | None = field(default=None, metadata=LAW, kw_only=True)
     law: PairLaw | None = field(default=None, metadata=LAW, kw_only=True)
     box: ParameterSpace | None = field(default=None, kw_only=True, repr=False)
 

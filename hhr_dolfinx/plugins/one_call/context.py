@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -40,6 +40,9 @@ from hhr_dolfinx.snapshots.records import Lost, SnapshotSet
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import Announce, StageLog
 from hhr_dolfinx.warn import ignored, warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.paths.path_families import NamedPath
 
 FRESH_SEED = 7000
 """Offset of the seed for points of checks, which then differ from those of any training."""
@@ -244,7 +247,7 @@ class SearchContext:
             BudgetSpentError: before anything is solved for, if the budget does not allow it.
             FewAnswersError: if less than half of the queries have an answer.
         """
-        questions: Any
+        questions: np.ndarray | list[NamedPath]
         if self.family is not None:
             questions = self.family.training(count, self.seed)
         else:
@@ -322,7 +325,7 @@ class SearchContext:
         """
         self.checks += 1
         seed = self.seed + FRESH_SEED + self.checks
-        questions: Any
+        questions: np.ndarray | list[NamedPath]
         if self.family is not None:
             questions = self.family.paths(Sobol(count, seed))
         else:
@@ -435,7 +438,7 @@ class SearchContext:
         room = (
             self.workers.size if answers is None else min(self.workers.size, answers - self.solved)
         )
-        batch: dict[bytes, Any] = {}
+        batch: dict[bytes, np.ndarray | AnswerPath] = {}
         for question in questions:
             if len(batch) == room:
                 break

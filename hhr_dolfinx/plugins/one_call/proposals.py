@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hhr_dolfinx.reduction.kinds import kind_of
 from hhr_dolfinx.reduction.reductor import Reductor, Task, made
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed import CondensedModel
+    from hhr_dolfinx.models.model import KeptModel
     from hhr_dolfinx.plugins.one_call.context import SearchContext
 
 POINT_COUNTS = (32, 64, 128, 256, 512)
@@ -28,8 +29,8 @@ class Proposal:
 
     method: str
     setting: str
-    make: Callable[[], Any]
-    spared: Callable[[], Any] | None = (
+    make: Callable[[], KeptModel]
+    spared: Callable[[], KeptModel] | None = (
         None  # makes one without bound, if the budget ends at fields or bound
     )
 

@@ -279,7 +279,7 @@ def _opened(
     return results, store, ArrayStore(results / "compliances", store.problem_digest)
 
 
-def _full_model(scene: object) -> FullOrderModel:
+def _full_model(scene: Scene | FullOrderModel) -> FullOrderModel:
     if not isinstance(scene, FullOrderModel | Scene):
         raise StudyError(f"{scene!r} is no scene: give a Scene")
     full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
@@ -294,7 +294,7 @@ def _check_fallback(fallback: bool, target: Target) -> None:
         )
 
 
-def _check_paths(full: FullOrderModel, paths: object) -> None:
+def _check_paths(full: FullOrderModel, paths: PathFamily | None) -> None:
     name = full.scene.name
     if not isinstance(paths, PathFamily | None):
         raise StudyError(

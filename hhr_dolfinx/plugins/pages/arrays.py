@@ -13,7 +13,7 @@ inelastic bodies it has the arrays of an increment instead, see
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,10 +31,14 @@ from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.plugins.pages.kernel import kernel_of, kernel_parts
 from hhr_dolfinx.plugins.pages.laws import check_law, law_tree, laws_of
 from hhr_dolfinx.plugins.pages.layout import encoded
-from hhr_dolfinx.plugins.pages.packing import Packed, half, steps_of
+from hhr_dolfinx.plugins.pages.packing import ArrayText, Json, Packed, half, steps_of
 from hhr_dolfinx.plugins.pages.pictures import pictures_of
 from hhr_dolfinx.plugins.pages.records import kernel_data
 from hhr_dolfinx.plugins.pages.scenery import Scenery
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.floating.elimination import FloatingElimination
+    from hhr_dolfinx.plugins.inelastic.condensed_fields import LooseBodies
 
 DRAWN_FROM_ABOVE = 0.3
 """Height of a contact over its width up to which it is drawn from above."""
@@ -42,13 +46,13 @@ DRAWN_FROM_ABOVE = 0.3
 _OF_KERNEL = ("amplitudes", "limits", "groups", "schur", "free_slack", "gaps", "reshaped")
 
 
-def check_model(model: object, what: str = "a page") -> None:
+def check_model(model: KeptModel, what: str = "a page") -> None:
     """Raise NotOfferedError for a model that ``what`` does not support, with the supported one."""
     if flows(model):
         from hhr_dolfinx.plugins.pages.flowing import check_flow
 
         check_flow(model, what)
-        check_law(model.law, what, flows=True)  # type: ignore[attr-defined]
+        check_law(model.law, what, flows=True)
         return
     if not isinstance(model, CondensedModel) or not (
         isinstance(model.eliminated, ConstantElimination)
@@ -71,7 +75,7 @@ def check_model(model: object, what: str = "a page") -> None:
         raise NotOfferedError(f"{what} solves with a symmetric S, and that of this model is not")
 
 
-def interpolates(model: object) -> bool:
+def interpolates(model: KeptModel) -> bool:
     """True if S of a model is interpolated, which takes a plug-in that may be missing."""
     if "moduli" not in registry.installed():
         return False
@@ -80,14 +84,14 @@ def interpolates(model: object) -> bool:
     return isinstance(model, CondensedModel) and isinstance(model.eliminated, Compliances)
 
 
-def flows(model: object) -> bool:
+def flows(model: KeptModel) -> bool:
     """True for a model with inelastic bodies."""
     return isinstance(model, KeptModel) and model.equilibrium is not None
 
 
 def packed(
-    model: Any, scenery: Scenery, room: int
-) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    model: KeptModel, scenery: Scenery, room: int
+) -> tuple[dict[str, Json], dict[str, ArrayText]]:
     """Tree and arrays of a model that passed :func:`check_model`, with its pictures.
 
     Optional parts use at most ``room`` bytes, those of the other arrays included.
@@ -111,7 +115,7 @@ def packed(
     return tree, arrays.texts()
 
 
-def _kernel(model: Any, tree: dict[str, Any], arrays: Packed) -> dict[str, Any]:
+def _kernel(model: KeptModel, tree: dict[str, Any], arrays: Packed) -> dict[str, Json]:
     """The compiled kernel that a model needs, and its data."""
     code = np.frombuffer(
         kernel_of(kernel_parts(tree), laws_of(model.law, "a page")), dtype=np.uint8
@@ -120,7 +124,7 @@ def _kernel(model: Any, tree: dict[str, Any], arrays: Packed) -> dict[str, Any]:
     return data | {"code": arrays.put("kernel", code, "<u1")}
 
 
-def _drawn(tree: dict[str, Any]) -> dict[str, Any]:
+def _drawn(tree: dict[str, Any]) -> dict[str, Json]:
     """The part of a tree that the page itself reads; the rest is data of the kernel."""
     drawn_tree = {key: value for key, value in tree.items() if key not in _OF_KERNEL}
     drawn_tree["outputs"] = [
@@ -198,7 +202,7 @@ def _amplitudes_of(model: Any) -> Amplitudes:
     return amplitudes
 
 
-def _limit(limit: Limits) -> dict[str, Any]:
+def _limit(limit: Limits) -> dict[str, Json]:
     """Elastic constant and its limits; None for an infinite one, which JSON cannot represent."""
     low, high = limit.ends
     return {
@@ -208,11 +212,11 @@ def _limit(limit: Limits) -> dict[str, Any]:
     }
 
 
-def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Any]:
-    nonaffine = []
+def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Json]:
+    nonaffine: list[dict[str, Json]] = []
     for number, amplitude in enumerate(amplitudes.nonaffine):
         if isinstance(amplitude, Coverage):
-            coverage = {
+            coverage: dict[str, Json] = {
                 "positions": arrays.put(f"positions{number}", amplitude.positions),
                 "extent": amplitude.extent,
             }
@@ -238,7 +242,7 @@ def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Any]:
     }
 
 
-def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Any]:
+def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Json]:
     """S and the free slack; also the rigid motions of bodies without supports."""
     if isinstance(eliminated, ConstantElimination) or eliminated.keeps_kernel:
         responses = eliminated.responses
@@ -253,7 +257,7 @@ def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Any]:
     return compliances_tree(eliminated, arrays)
 
 
-def _floating(motions: Any, arrays: Packed) -> dict[str, Any]:
+def _floating(motions: FloatingElimination | LooseBodies, arrays: Packed) -> dict[str, str]:
     """Contact rows of the motions, B R, and loads along them."""
     return {
         name: arrays.put(f"floating_{name}", getattr(motions, name))
@@ -261,10 +265,10 @@ def _floating(motions: Any, arrays: Packed) -> dict[str, Any]:
     }
 
 
-def _outputs(model: Any, arrays: Packed) -> tuple[list[dict[str, Any]], list[str]]:
+def _outputs(model: KeptModel, arrays: Packed) -> tuple[list[dict[str, Json]], list[str]]:
     fields = model.fields
     functionals = () if fields.functionals is None else fields.functionals.items
-    outputs = []
+    outputs: list[dict[str, Json]] = []
     missing = []
     for number, functional in enumerate(functionals):
         # from forces at constant shape, or from displacements with known maps
@@ -313,7 +317,7 @@ def _is_quadratic(model: Any, item: Functional) -> bool:
     )
 
 
-def _second_derivatives(model: Any, item: Functional) -> np.ndarray:
+def _second_derivatives(model: KeptModel, item: Functional) -> np.ndarray:
     """Second derivatives of a quadratic form along forces and θ, (m + 1 + T, m + 1 + T).
 
     Its columns are slopes of the form for unit forces and unit θ.
@@ -336,7 +340,7 @@ def _second_derivatives(model: Any, item: Functional) -> np.ndarray:
     return derivatives
 
 
-def _linear(model: Any, item: Linear, number: int, arrays: Packed) -> dict[str, Any]:
+def _linear(model: Any, item: Linear, number: int, arrays: Packed) -> dict[str, Json]:
     """Output as weights of forces and amplitudes, which include those of displacements."""
     fields = model.fields
     inelastic = flows(model)
@@ -344,7 +348,7 @@ def _linear(model: Any, item: Linear, number: int, arrays: Packed) -> dict[str, 
     np.add.at(of_forces, item.conditions, item.weights)
     of_terms = np.zeros(_amplitudes_of(model).firsts[-1])
     np.add.at(of_terms, item.terms, item.coefficients)
-    described: dict[str, Any] = {}
+    described: dict[str, Json] = {}
     if item.count and inelastic:
         from hhr_dolfinx.plugins.pages.flowing import linear_of_flow
 
@@ -363,8 +367,10 @@ def _linear(model: Any, item: Linear, number: int, arrays: Packed) -> dict[str, 
     return {"kind": "linear", **described, "terms": arrays.put(f"output{number}_terms", of_terms)}
 
 
-def _of_forces(item: Largest | Loaded, number: int, arrays: Packed) -> dict[str, Any]:
-    described = {"conditions": arrays.put(f"output{number}_conditions", item.conditions, "<i4")}
+def _of_forces(item: Largest | Loaded, number: int, arrays: Packed) -> dict[str, Json]:
+    described: dict[str, Json] = {
+        "conditions": arrays.put(f"output{number}_conditions", item.conditions, "<i4")
+    }
     described |= {"areas": arrays.put(f"output{number}_areas", item.areas)}
     if isinstance(item, Largest):
         return {"kind": "largest"} | described
@@ -374,10 +380,11 @@ def _of_forces(item: Largest | Loaded, number: int, arrays: Packed) -> dict[str,
         "offset": item.offset,
         "factor": item.factor,
         "least": UNDER_LOAD,
-    } | described
+        **described,
+    }
 
 
-def drawn(scenery: Scenery) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+def drawn(scenery: Scenery) -> tuple[dict[str, Any], dict[str, ArrayText]]:
     """Tree and arrays of a scenery."""
     arrays = Packed()
     kind = "<u2" if len(scenery.points) < 2**16 else "<u4"

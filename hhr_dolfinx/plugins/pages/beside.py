@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -138,7 +138,9 @@ class MeshBeside:
             raise NotOfferedError(f"{reason}: {self._remedy}")
         return mesh.contact_rows, mesh.gap_terms @ theta
 
-    def deviators(self, displacement: np.ndarray, point: np.ndarray) -> Any:
+    def deviators(
+        self, displacement: np.ndarray, point: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray, np.ndarray] | None:
         """Deviators of the stress on the triangles that pages draw; None without them.
 
         Args:

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from hhr_dolfinx.command.speaking import guarded
 from hhr_dolfinx.command.words import KNOWN_OPTION, examples
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileError, NotOfferedError
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.pages.scenery import Scenery
 
 with extra("study", "the command hhr"):
     import click
@@ -46,7 +49,7 @@ def page(model: Path, scene: str | None, out: Path | None, known: tuple[str, ...
         click.echo(write_model_page(target, loaded, _scenery_of(model, scene)))
 
 
-def _scenery_of(model: Path, scene: str | None) -> Any:
+def _scenery_of(model: Path, scene: str | None) -> Scenery:
     """Scenery from the file next to a model, or from its scene."""
     from hhr_dolfinx.plugins.pages.scenery import SCENERY_FILE, Scenery
 

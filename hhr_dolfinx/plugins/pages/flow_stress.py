@@ -12,7 +12,6 @@ c the compliance of its body over that at the middle of the box.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
@@ -20,7 +19,14 @@ from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
-from hhr_dolfinx.plugins.pages.packing import BASE64, Packed, kept_levels, modes_of, packed_levels
+from hhr_dolfinx.plugins.pages.packing import (
+    BASE64,
+    Json,
+    Packed,
+    kept_levels,
+    modes_of,
+    packed_levels,
+)
 from hhr_dolfinx.plugins.pages.scenery import Scenery
 from hhr_dolfinx.plugins.pages.stress import (
     FALSE,
@@ -118,7 +124,7 @@ def flow_stress(
     histories: Sequence[Sequence[Answer]],
     arrays: Packed,
     room: int,
-) -> dict[str, Any] | None:
+) -> dict[str, Json] | None:
     """Stress of drawn cells in modes of some histories, and its error along others.
 
     None if there are too many cells, if the error of the largest stress is too large, or if there
@@ -180,7 +186,7 @@ def flow_stress(
 
 def _maps(
     model: CondensedFlowModel, means: CellMeans, cells: np.ndarray, ways: np.ndarray, arrays: Packed
-) -> dict[str, Any]:
+) -> dict[str, str]:
     """Maps to coefficients of modes: from forces and loads, and by part from imposed and plastic
     strains.
     """

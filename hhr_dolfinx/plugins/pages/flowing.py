@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
@@ -27,9 +27,12 @@ from hhr_dolfinx.plugins.inelastic.constants import parameters_of
 from hhr_dolfinx.plugins.inelastic.law import LawProgram
 from hhr_dolfinx.plugins.inelastic.trained import TrainedPaths
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
-from hhr_dolfinx.plugins.pages.packing import Packed, half, modes_of, packed_levels, steps_of
+from hhr_dolfinx.plugins.pages.packing import Json, Packed, half, modes_of, packed_levels, steps_of
 from hhr_dolfinx.plugins.pages.scenery import Scenery
 from hhr_dolfinx.warn import ignored
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import KeptModel
 
 WALKS = 16
 WALK = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.6, 0.3, 0.0)
@@ -45,7 +48,7 @@ by 8e-9, measured once.
 """
 
 
-def check_flow(model: object, what: str = "a page") -> None:
+def check_flow(model: KeptModel, what: str = "a page") -> None:
     """Refuse models that are not condensed models of inelastic bodies.
 
     Args:
@@ -63,7 +66,7 @@ def check_flow(model: object, what: str = "a page") -> None:
         )
 
 
-def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
+def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Json]:
     """Arrays of an increment.
 
     Args:
@@ -117,7 +120,7 @@ def _group(
     elasticity: tuple[np.ndarray, np.ndarray],
     names: tuple[str, ...],
     arrays: Packed,
-) -> dict[str, Any]:
+) -> dict[str, Json]:
     """Points of a body: C and C^-1 in the middle of the box, formulas of E, ν and law constants,
     and its program.
 
@@ -150,13 +153,13 @@ def _group(
     }
 
 
-def _program(name: str, law: LawProgram, arrays: Packed) -> dict[str, Any]:
+def _program(name: str, law: LawProgram, arrays: Packed) -> dict[str, Json]:
     """Arrays and sizes of the program of a law."""
     program = law.program
     integers = {
         key: getattr(program, key) for key in ("rows", "ends", "outputs", "output_ends")
     } | {"kinds": law.kinds}
-    tree: dict[str, Any] = {
+    tree: dict[str, Json] = {
         key: arrays.put(f"{name}_{key}", values, "<i4") for key, values in integers.items()
     }
     numbers = {"numbers": program.numbers, "low": law.low, "high": law.high}
@@ -203,7 +206,7 @@ def _axes(amplitudes: Amplitudes, names: tuple[str, ...]) -> Iterator[int]:
 
 def linear_of_flow(
     fields: CondensedFlowFields, item: Linear, number: int, arrays: Packed
-) -> dict[str, Any]:
+) -> dict[str, str]:
     """Weights of an output that reads displacements.
 
     They are those of corrections and loads, and by part those of forces and loads.
@@ -237,7 +240,7 @@ def flow_field(
     scenery: Scenery,
     rows: np.ndarray,
     arrays: Packed,
-) -> dict[str, Any] | None:
+) -> dict[str, Json] | None:
     """Displacement of the drawn dofs in modes of some histories, and data of plastic strain.
 
     None if all displacements are zero, or if few modes do not represent them.
@@ -288,7 +291,7 @@ def walked(model: CondensedFlowModel) -> Iterator[list[Answer]]:
             yield model.march(path).answers
 
 
-def _plastic(fields: CondensedFlowFields, scenery: Scenery, arrays: Packed) -> dict[str, Any]:
+def _plastic(fields: CondensedFlowFields, scenery: Scenery, arrays: Packed) -> dict[str, Json]:
     """Cumulated plastic strain of drawn nodes, as the mean over the Gauss points around each, in
     its modes.
     """

@@ -16,13 +16,13 @@ from hhr_dolfinx.models.bound import BOUND_ROUND_OFF
 from hhr_dolfinx.plugins.moduli.interpolated import Compliance, Compliances
 from hhr_dolfinx.plugins.moduli.interpolation import Interpolant, leja_points
 from hhr_dolfinx.plugins.moduli.varying_bound import VaryingBound
-from hhr_dolfinx.plugins.pages.packing import BASE64, Packed, half, steps_of
+from hhr_dolfinx.plugins.pages.packing import BASE64, Json, Packed, half, steps_of
 
 MOST_ENERGY_BYTES = 500_000
 """Most bytes for energies; without them a page shows the largest error at random points only."""
 
 
-def compliances_tree(eliminated: Compliances, arrays: Packed) -> dict[str, Any]:
+def compliances_tree(eliminated: Compliances, arrays: Packed) -> dict[str, Json]:
     """All connected components, and D.
 
     Args:
@@ -42,7 +42,7 @@ def compliances_tree(eliminated: Compliances, arrays: Packed) -> dict[str, Any]:
     }
 
 
-def _part(part: Compliance, number: int, arrays: Packed) -> dict[str, Any]:
+def _part(part: Compliance, number: int, arrays: Packed) -> dict[str, Json]:
     m = part.conditions.size
     halves = np.array([half(mode) for mode in part.interpolant.modes.T.reshape(-1, m, m)])
     return _interpolant(part.interpolant, f"part{number}_", arrays, modes=halves) | {
@@ -56,7 +56,7 @@ def _part(part: Compliance, number: int, arrays: Packed) -> dict[str, Any]:
 
 def _interpolant(
     found: Interpolant, name: str, arrays: Packed, modes: np.ndarray | None = None
-) -> dict[str, Any]:
+) -> dict[str, Json]:
     """Polynomial on a sparse grid, with concatenated modes."""
     top = int(found.levels.max(initial=0))
     return {
@@ -85,7 +85,7 @@ def alike(one: Compliances, other: Compliances) -> bool:
     )
 
 
-def bound_tree(model: Any, arrays: Packed) -> dict[str, Any] | None:
+def bound_tree(model: Any, arrays: Packed) -> dict[str, Json] | None:
     """Bound of an elastic model as plain values.
 
     None without a bound, or if its data are too large.

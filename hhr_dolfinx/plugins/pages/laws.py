@@ -14,7 +14,7 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.formulas import Scalar
-from hhr_dolfinx.plugins.pages.packing import Packed, steps_of
+from hhr_dolfinx.plugins.pages.packing import Json, Packed, steps_of
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.contact_laws.interface import Interface
@@ -29,7 +29,7 @@ class LawOnPage(Protocol):
     header: Path  #: file in C that solves by the law, beside the kernels that are compiled of it
     range_header: Path  #: the same next to other laws
 
-    def tree(self, law: object, arrays: Packed) -> dict[str, Any]:
+    def tree(self, law: ContactLaw, arrays: Packed) -> dict[str, Json]:
         """Rows and constants of the law.
 
         Args:
@@ -47,10 +47,10 @@ class LawInC(Protocol):
     text: str  #: C of these functions
     memory: int  #: numbers that it remembers of each row
 
-    def numbers(self, law: Any) -> np.ndarray:
+    def numbers(self, law: ContactLaw) -> np.ndarray:
         """Numbers of each row, (k, n)."""
 
-    def formulas(self, law: Any) -> Sequence[Scalar]:
+    def formulas(self, law: ContactLaw) -> Sequence[Scalar]:
         """Formulas of the parameters."""
 
 
@@ -104,7 +104,7 @@ def check_law(law: ContactLaw, what: str, *, flows: bool) -> None:
         )
 
 
-def law_tree(law: ContactLaw, count: int, arrays: Packed) -> dict[str, Any]:
+def law_tree(law: ContactLaw, count: int, arrays: Packed) -> dict[str, Json]:
     """Data of the laws on so many conditions.
 
     Args:
@@ -121,11 +121,11 @@ def law_tree(law: ContactLaw, count: int, arrays: Packed) -> dict[str, Any]:
     numbers = {
         entry.name: number for number, entry in enumerate(laws_of(law, "a page").ranges, start=1)
     }
-    tree: dict[str, Any] = {}
+    tree: dict[str, Json] = {}
     entries = []
     for number, law_range in enumerate(interface.ranges):
         name = f"range{number}"
-        entry: dict[str, Any] = {
+        entry: dict[str, Json] = {
             "rows": arrays.put(f"{name}_rows", law_range.rows, "<i4"),
             "law": 0,
             "formulas": [],

@@ -7,12 +7,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from functools import cache
-from typing import Any
 
 import numpy as np
 
 from hhr_dolfinx.plugins.pages.kernel import kernel_file
-from hhr_dolfinx.plugins.pages.records import KernelData, RecordedFormula, Struct
+from hhr_dolfinx.plugins.pages.packing import Json, Steps
+from hhr_dolfinx.plugins.pages.records import Data, Field, KernelData, RecordedFormula, Struct
 
 _TYPEDEF = re.compile(r"typedef struct \{([^{}]*)\} model_(\w+);")
 _SCALARS = {"double": "d", "int": "i", "model_function": "i"}
@@ -47,7 +47,7 @@ def _fields(body: str) -> Iterator[tuple[str, str]]:
             yield plain.lstrip("*"), table.get(kind, f"{code} {record}")
 
 
-def encoded(kernel: KernelData) -> dict[str, Any]:
+def encoded(kernel: KernelData) -> dict[str, Json]:
     """Layouts, sizes, data and formulas as plain values; arrays of the page are named."""
     writer = _LayoutWriter()
     sizes = {name.lower(): value for name, value in kernel.sizes.items()}
@@ -61,16 +61,16 @@ def encoded(kernel: KernelData) -> dict[str, Any]:
 
 class _LayoutWriter:
     def __init__(self) -> None:
-        self.formulas: list[list[Any]] = []
+        self.formulas: list[Steps] = []
 
-    def record(self, record: Struct) -> list[Any]:
+    def record(self, record: Struct) -> list[Json]:
         """Values of the fields in their order."""
         return [
             self.value(record.fields.get(name), code)
             for name, code in layouts()[record.kind].items()
         ]
 
-    def value(self, value: Any, code: str) -> Any:
+    def value(self, value: Field | Data, code: str) -> Json:
         """Plain value of a field with a code of :func:`layouts`."""
         if isinstance(value, RecordedFormula):
             if value.steps is None:

@@ -8,12 +8,20 @@ from __future__ import annotations
 
 import ast
 import base64
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict
 
 import numpy as np
 
 from hhr_dolfinx.formulas import FUNCTIONS, Scalar
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+Json: TypeAlias = "bool | int | float | str | Sequence[Json] | Mapping[str, Json] | None"
+"""Value that JSON holds."""
+Steps = list[float | str | list[Any]]
+"""Operations of a formula, see :func:`steps_of`."""
 FIELD = 3e-3
 """Relative error of displacements by truncation of the drawn modes, below what a picture shows."""
 MODE_BYTES = 1_330_000
@@ -29,13 +37,21 @@ LEVELS = 32767
 _OPERATIONS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "^"}
 
 
+class ArrayText(TypedDict):
+    """Array as text."""
+
+    kind: str  #: number format, such as ``<f8``
+    shape: list[int]
+    data: str  #: base64
+
+
 class Packed:
     """Arrays of a model by name, little-endian and contiguous."""
 
     def __init__(self) -> None:
         self.arrays: dict[str, np.ndarray] = {}
 
-    def put(self, name: str, array: object, kind: str = "<f8") -> str:
+    def put(self, name: str, array: ArrayLike, kind: str = "<f8") -> str:
         """Add an array; returns its name.
 
         Args:
@@ -55,7 +71,7 @@ class Packed:
         """Add the arrays of another collection."""
         self.arrays |= others.arrays
 
-    def texts(self) -> dict[str, dict[str, Any]]:
+    def texts(self) -> dict[str, ArrayText]:
         """Arrays as text, base64, with their shapes and number formats, such as ``<f8``."""
         return {
             name: {
@@ -67,13 +83,13 @@ class Packed:
         }
 
 
-def steps_of(scalar: Scalar | None) -> list[Any] | None:
+def steps_of(scalar: Scalar | None) -> Steps | None:
     """Formula as operations on a stack: numbers, ``["p", k]`` for parameter k, names of operators
     and functions.
     """
     if scalar is None:
         return None
-    steps: list[Any] = []
+    steps: Steps = []
 
     def walk(node: ast.AST) -> None:
         if isinstance(node, ast.Constant):

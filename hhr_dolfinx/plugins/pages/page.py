@@ -10,7 +10,7 @@ from dataclasses import replace
 from html import escape
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,10 +18,13 @@ from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.models.estimates import relative_errors
 from hhr_dolfinx.plugins.pages.arrays import check_model, contact_tree, drawn, flows, packed
-from hhr_dolfinx.plugins.pages.packing import Packed
+from hhr_dolfinx.plugins.pages.packing import Json, Packed
 from hhr_dolfinx.plugins.pages.scenery import Scenery, compliance_of, thinned
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import KeptModel
 
 MOST_PAGE_BYTES = 3_000_000
 """Largest size of a page: the limit of many mail servers."""
@@ -42,7 +45,7 @@ PAGE_ERROR_POINTS = 100
 """Random points at which the error shown on a page is estimated."""
 
 
-def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
+def write_model_page(path: str | Path, model: KeptModel, scenery: Scenery) -> Path:
     """Write a page of a condensed model.
 
     Args:
@@ -110,7 +113,7 @@ def check_alike(model: Any, scenery: Scenery) -> None:
         )
 
 
-def check_for_page(model: object) -> None:
+def check_for_page(model: KeptModel) -> None:
     """Refuse a model that does not fit on a page, before its scenery, bounds and pictures are
     computed.
     """
@@ -178,7 +181,7 @@ def page_text(model: Any, scenery: Scenery) -> str:
     )
 
 
-def error_of(model: Any) -> dict[str, Any]:
+def error_of(model: KeptModel) -> dict[str, Json]:
     """Errors shown on a page: their kind, and the largest relative ones at random points of the
     box.
     """
@@ -189,7 +192,7 @@ def error_of(model: Any) -> dict[str, Any]:
     if model.fields.bound is None or model.law.plugin:  # it is that of unilateral contact
         return {"kind": "none", "pressure": None, "forces": None, "points": 0}
     many = model.solve_many(model.parameters.random(PAGE_ERROR_POINTS, 1), raise_on_failure=False)
-    described: dict[str, Any] = {"kind": model.fields.bound.kind, "points": PAGE_ERROR_POINTS}
+    described: dict[str, Json] = {"kind": model.fields.bound.kind, "points": PAGE_ERROR_POINTS}
     for name in ("pressure", "forces"):
         errors = relative_errors(many, name)
         described[name] = (

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
@@ -29,6 +29,7 @@ from hhr_dolfinx.plugins.pages.packing import (
     FIELD,
     LEVELS,
     MODE_BYTES,
+    Json,
     Packed,
     kept_levels,
     modes_of,
@@ -45,6 +46,9 @@ from hhr_dolfinx.plugins.pages.stress import (
 )
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.warn import ignored
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import KeptModel
 
 SEEN = 200
 """Answers from which these modes are computed."""
@@ -92,7 +96,7 @@ class Picture(NamedTuple):
     indices, (S,).
     """
 
-    tree: dict[str, Any]
+    tree: dict[str, Json]
     values: np.ndarray
     apart: np.ndarray
 
@@ -116,7 +120,7 @@ class Split:
         return np.delete(np.arange(count), held), np.append(held, np.arange(self._others, count))
 
 
-def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict[str, Any]:
+def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict[str, Json]:
     """Displacement of the drawn nodes, and stress of the cells, in few modes.
 
     Their arrays are added.
@@ -138,7 +142,7 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
         displacement = flow_field(model, histories, scenery, rows_of(model, scenery), arrays)
         of_cells = displacement and flow_stress(model, scenery, histories, arrays, room)
         return {"field": displacement, "stress": of_cells}
-    pictures: dict[str, Any] = {"field": None, "stress": None}
+    pictures: dict[str, Json] = {"field": None, "stress": None}
     split, maps = _answers(model)
     if not split.held(HELD_OUT_STRIDE)[1].size:
         return pictures
@@ -174,7 +178,7 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
 
 
 def _answers(
-    model: Any,
+    model: KeptModel,
 ) -> tuple[Split, Callable[[Drawn, Split, np.ndarray, Packed], Picture | None]]:
     """Answers for pictures, and the function that computes a picture.
 
@@ -213,7 +217,7 @@ def _stress(
     known: Split,
     seen: np.ndarray,
     arrays: Packed,
-) -> dict[str, Any] | None:
+) -> dict[str, Json] | None:
     """Stress of the cells and its error.
 
     None if the error of the largest value is too large, or without room.
@@ -231,7 +235,7 @@ def _stress(
     return picture_tree
 
 
-def rows_of(model: Any, scenery: Scenery) -> np.ndarray:
+def rows_of(model: KeptModel, scenery: Scenery) -> np.ndarray:
     """Dofs of the drawn nodes, node by node.
 
     Args:
@@ -266,7 +270,7 @@ def _exact(
     return Picture(tree, kept_levels(tree, arrays).T @ (ways.T @ seen[:, apart]), apart)
 
 
-def _walked(model: Any) -> Iterable[Answer]:
+def _walked(model: KeptModel) -> Iterable[Answer]:
     """Answers with friction along a path through the box, with the laws at its middle."""
     points = model.parameters.random(SEEN, 0)
     points[:, model.law.fixed] = model.parameters.middle[model.law.fixed]
@@ -280,7 +284,7 @@ def _walked(model: Any) -> Iterable[Answer]:
     return model.solve_many(points[:FEW], raise_on_failure=False)
 
 
-def _borne(model: Any, points: np.ndarray) -> list[Answer]:
+def _borne(model: KeptModel, points: np.ndarray) -> list[Answer]:
     """Answers of bodies that contact alone holds, along paths that begin anew after loads that it
     does not bear.
     """
@@ -298,7 +302,7 @@ def _borne(model: Any, points: np.ndarray) -> list[Answer]:
 
 
 def _fitted(
-    model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Packed
+    model: KeptModel, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Packed
 ) -> Picture | None:
     """Picture for varying stiffness: c = p(μ) + P(μ) Q^T λ, with modes Q of forces and fitted
     polynomials p, P.
@@ -344,7 +348,7 @@ def _fitted(
 
 
 def _maps_at(
-    model: Any, drawn: Drawn, ways: np.ndarray, pushes: np.ndarray, points: np.ndarray
+    model: KeptModel, drawn: Drawn, ways: np.ndarray, pushes: np.ndarray, points: np.ndarray
 ) -> np.ndarray:
     """p(μ) and P(μ) at some points, (S, P): (S, k, 1 + R)."""
     fields = model.fields
@@ -402,7 +406,7 @@ class Monomials:
         return np.prod(scaled[:, None, :] ** self._powers, axis=2)
 
     @property
-    def tree(self) -> dict[str, Any]:
+    def tree(self) -> dict[str, Json]:
         """Data to evaluate the monomials on a page."""
         ends = zip(self._factors, self._low.tolist(), self._high.tolist(), strict=True)
         axes = [

@@ -6,12 +6,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-Steps = list[Any]
-"""Operations of a formula, see :func:`hhr_dolfinx.plugins.pages.packing.steps_of`."""
+from hhr_dolfinx.plugins.pages.packing import Steps
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+Data: TypeAlias = "Struct | list[Struct] | np.ndarray | str | None"
+"""Records and arrays of a kernel; a text is the name of an array."""
+Field: TypeAlias = (
+    "RecordedFormula | Struct | list[RecordedFormula] | np.ndarray | str | float | None"
+)
+"""Field of a record; a text is the name of an array."""
 
 
 @dataclass(frozen=True)
@@ -34,11 +43,13 @@ class KernelData:
     """Sizes by their names, and arrays and records by theirs."""
 
     sizes: dict[str, int | float]
-    data: dict[str, Any]
+    data: dict[str, Data]
 
 
 def kernel_data(
-    tree: dict[str, Any], arrays: dict[str, np.ndarray], ends: tuple[Any, Any]
+    tree: dict[str, Any],
+    arrays: dict[str, np.ndarray],
+    ends: tuple[ArrayLike, ArrayLike],
 ) -> KernelData:
     """Data of a model from its tree and arrays, see :mod:`hhr_dolfinx.plugins.pages.arrays`.
 
@@ -55,11 +66,11 @@ class _RecordReader:
         self.tree = tree
         self.arrays = arrays
 
-    def kernel_data(self, ends: tuple[Any, Any]) -> KernelData:
+    def kernel_data(self, ends: tuple[ArrayLike, ArrayLike]) -> KernelData:
         tree = self.tree
         groups = self.arrays[tree["groups"]] if tree["groups"] else np.zeros(tree["m"], dtype=int)
         group_of_rows = np.unique(groups, return_inverse=True)[1]
-        data: dict[str, Any] = {
+        data: dict[str, Data] = {
             "lower": np.array(ends[0], dtype=float),
             "upper": np.array(ends[1], dtype=float),
             "pairs": group_of_rows,
@@ -92,12 +103,12 @@ class _RecordReader:
         name: str = (tree["flow"] or tree)["gaps" if tree["schur"] is None else "free_slack"]
         return name
 
-    def _path(self, item: dict[str, Any]) -> dict[str, Any]:
+    def _path(self, item: dict[str, Any]) -> Mapping[str, Data]:
         """Parameters that are fixed along a path, and the box of its start."""
         ends = {f"box_{name}": np.array(self.tree[name]) for name in ("lower", "upper")}
         return {"fixed": np.array(item["fixed"], dtype=int)} | ends
 
-    def _ranges(self, item: dict[str, Any]) -> dict[str, Any]:
+    def _ranges(self, item: dict[str, Any]) -> Mapping[str, Data]:
         """Laws of plug-ins, each on its conditions."""
         ranges = []
         formulas = first = 0
@@ -122,7 +133,7 @@ class _RecordReader:
             first += rows.size * law_range["memory"]
         return {"ranges": ranges}
 
-    def _flow(self, item: dict[str, Any]) -> dict[str, Any]:
+    def _flow(self, item: dict[str, Any]) -> Mapping[str, Data]:
         same = "per_mode per_force forced given moved modal coupled pressed weights".split()
         names = {name: name for name in same} | {
             "flow_schur": "schur",
@@ -138,7 +149,7 @@ class _RecordReader:
         }
 
     def _body(self, group: dict[str, Any]) -> Struct:
-        fields: dict[str, Any] = {
+        fields: dict[str, Field] = {
             key: group[key] for key in ("elastic", "compliance", "points", "grading")
         }
         fields |= {"constants": [RecordedFormula(steps) for steps in group["constants"]]}
@@ -150,7 +161,7 @@ class _RecordReader:
 
     def _program(self, law: dict[str, Any]) -> Struct:
         arrays = ("rows", "ends", "outputs", "output_ends", "kinds", "numbers", "low", "high")
-        fields: dict[str, Any] = {key: law[key] for key in arrays}
+        fields: dict[str, Field] = {key: law[key] for key in arrays}
         fields |= {key: law["sizes"][key] for key in ("unknowns", "memory", "constants")}
         fields |= {
             "numbers_count": self.arrays[law["numbers"]].size,
@@ -158,7 +169,7 @@ class _RecordReader:
         }
         return Struct("program", fields)
 
-    def _friction(self, item: dict[str, Any]) -> dict[str, Any]:
+    def _friction(self, item: dict[str, Any]) -> Mapping[str, Data]:
         # index of the first tangential row of each contact, and the end of the last
         along = np.searchsorted(
             self.arrays[item["owner"]], np.arange(self.arrays[item["normal"]].size + 1)
@@ -180,7 +191,7 @@ class _RecordReader:
             "laws": [Struct("law", fields) for fields in laws],
         }
 
-    def _floating(self, item: dict[str, Any]) -> dict[str, Any]:
+    def _floating(self, item: dict[str, Any]) -> Mapping[str, Data]:
         """Contact rows of rigid motions, loads along them, their units, and stiffnesses of
         springs.
         """
@@ -281,7 +292,7 @@ class _RecordReader:
 
     def _interpolant(self, item: dict[str, Any]) -> Struct:
         rank, grid = self.arrays[item["weights"]].shape
-        fields: dict[str, Any] = {
+        fields: dict[str, Field] = {
             key: np.array(item[key], dtype=float) for key in ("lower", "upper", "nodes")
         }
         fields |= {"axes": np.array(item["axes"], dtype=int)} | {

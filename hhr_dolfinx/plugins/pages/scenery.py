@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
@@ -143,6 +143,20 @@ class WholeMesh:
         return "" if fits else "gaps do not fit the contact conditions"
 
 
+class SceneWords(TypedDict):
+    """Names, units and descriptions of a scene."""
+
+    scene: str
+    units: dict[str, str]
+    hypothesis: str
+    bodies: list[str]
+    contacts: list[str]
+    length: str
+    stress: str
+    force: str
+    work: str
+
+
 @dataclass(frozen=True)
 class Scenery:
     """Mesh, contact points and names of a scene, to draw them.
@@ -177,7 +191,7 @@ class Scenery:
     shares: np.ndarray
     compliance: np.ndarray
     moves: bool
-    words: dict[str, Any]
+    words: SceneWords
     strains: Strains | None = None
     owners: np.ndarray | None = None
     mesh: WholeMesh | None = None

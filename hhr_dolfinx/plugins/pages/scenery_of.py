@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
@@ -15,6 +14,7 @@ from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.plugins.pages.scenery import (
     SCENERY_FILE,
     Scenery,
+    SceneWords,
     Strains,
     WholeMesh,
     compliance_of,
@@ -202,7 +202,7 @@ def _stressed_at_rest(full: FullOrderModel) -> bool:
     return False
 
 
-def _words(scene: Scene) -> dict[str, Any]:
+def _words(scene: Scene) -> SceneWords:
     units = scene.units
     bodies = []
     for body in scene.bodies:
@@ -221,5 +221,5 @@ def _words(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _said(value: object) -> str:
+def _said(value: float | str) -> str:
     return f"{value:g}" if isinstance(value, float | int) else str(getattr(value, "text", value))

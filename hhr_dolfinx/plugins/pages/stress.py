@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from scipy.sparse import csr_matrix, diags, kron
 
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.materials.elasticity import von_mises
-from hhr_dolfinx.plugins.pages.packing import BASE64, DRAWN_ROUND_OFF, Packed, steps_of
+from hhr_dolfinx.plugins.pages.packing import BASE64, DRAWN_ROUND_OFF, Json, Packed, steps_of
 from hhr_dolfinx.plugins.pages.scenery import Strains
 
 STRESS_MODES_ERROR = 3e-3
@@ -69,7 +67,7 @@ class Stress:
             stress[:, :2] += (volume * strain[:, :2].sum(axis=1))[:, None]
         return with_third(stress, plane_stress=self._strains.plane_stress)
 
-    def tree(self, arrays: Packed) -> dict[str, Any]:
+    def tree(self, arrays: Packed) -> dict[str, Json]:
         """Data of the stress for a page."""
         strains = self._strains
         return {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -150,7 +150,7 @@ class Paths:
             group: the ranks.
         """
         # an answer refers to its model, which cannot be sent to another rank
-        sent: Any = (
+        sent: Sequence[History] = (
             () if own is None else [with_fields(history, NOWHERE) for history in own.histories]
         )
         return SnapshotSet.of_histories(
@@ -163,7 +163,7 @@ def _history(solver: SnapshotSolver, path: Path) -> History:
 
     If several ranks solve it, one of them reads and writes these.
     """
-    full: Any = solver.full
+    full = solver.full
     if solver.store is None:
         return full.march(path, solver.settings)
     steps = KeptSteps(solver.store, path, solver.settings)

@@ -4,14 +4,14 @@ histories.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import TrustLimits, warn_of_few_held_out, warn_of_no_contact
 from hhr_dolfinx.errors import HHRError, ReductionError
-from hhr_dolfinx.models.answer import Model
+from hhr_dolfinx.models.answer import Answer, Model
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.plugins.paths.compared import compared_histories, retraced
 from hhr_dolfinx.reduction.kinds import Answered, OfPoints
@@ -94,7 +94,7 @@ class OfHistories(OfPoints):
         if not known.histories:
             yield from super().pairs(model, known)
         for history in known.histories[:1]:
-            answers: list[Any] = [None] * len(history.answers)
+            answers: Sequence[Answer | None] = [None] * len(history.answers)
             with suppress(HHRError):
                 answers = retraced(model, history).answers
             for answer, exact in zip(answers, history.answers, strict=True):

@@ -433,12 +433,12 @@ def _value(what: str, scalar: Scalar, values: np.ndarray) -> float:
         return value
 
 
-def _kept(what: str, value: Any) -> float | str:
+def _kept(what: str, value: float | str) -> float | str:
     """A number or the text of a formula; SceneError for other values."""
     return float(value) if is_number(value) else formula_of(value, what).text
 
 
-def _targets(what: str, given: Any) -> tuple[tuple[str, float | str], ...]:
+def _targets(what: str, given: Targets) -> tuple[tuple[str, float | str], ...]:
     """Pairs of names and values, from a mapping or from such pairs."""
     try:
         pairs = tuple(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,8 +12,13 @@ from hhr_dolfinx.models.histories.path import checked_path
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.study.training.train import chooses_itself
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Path
 
-def training_queries(scene: Scene, training: Any, held_out: Any) -> tuple[Any, list]:
+
+def training_queries(
+    scene: Scene, training: Any, held_out: Sequence[Path] | np.ndarray | None
+) -> tuple[Any, list[Path]]:
     """Training and validation paths, checked: the tool ``queries``.
 
     Args:
@@ -42,7 +47,7 @@ def training_queries(scene: Scene, training: Any, held_out: Any) -> tuple[Any, l
     return queries, training_paths(scene, apart) if apart else []
 
 
-def training_paths(scene: Scene, paths: object) -> list:
+def training_paths(scene: Scene, paths: Iterable[Path]) -> list[Path]:
     """Checked paths of a scene whose answers depend on their path.
 
     Args:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
+from typing import TYPE_CHECKING, NamedTuple, TypeGuard, cast
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -13,6 +13,8 @@ from hhr_dolfinx.models.functionals.kinds import UNDER_LOAD
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.plugins.friction.laws import Friction
+    from hhr_dolfinx.plugins.pages.beside import MeshBeside
 
 NO_PRESSURE = -1
 OPEN = 0
@@ -47,7 +49,7 @@ def contact_gaps(meshed: Meshed, parameter: np.ndarray) -> ContactGaps:
         NotOfferedError: if the file beside the model has no contact rows, as in earlier releases.
     """
     if not is_full(meshed):
-        beside: Any = meshed
+        beside = cast("MeshBeside", meshed)
         return ContactGaps(*beside.contact_gaps(parameter))
     problem = meshed.problem.at(parameter)
     theta = problem.amplitudes(parameter)
@@ -127,7 +129,7 @@ def _statuses_of_friction(meshed: Meshed, answer: Answer) -> tuple[np.ndarray, n
     statuses = np.asarray(answer.memory[FRICTION].statuses)
     pressing = meshed.answer_mesh().pressing
     if is_full(meshed):
-        law: Any = meshed.problem.law.of("friction")
+        law = cast("Friction", meshed.problem.law.of("friction"))
         return law.normal, statuses
     if statuses.size == pressing.size:
         return pressing, statuses

@@ -6,7 +6,7 @@ PyVista renders each view off screen; matplotlib joins them with titles and bars
 from __future__ import annotations
 
 from textwrap import fill
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -88,7 +88,7 @@ def figure_in_space(picture: Picture, title: str) -> Figure:
         _add_triad(axes, way)
         named = isinstance(view.colours, str)
         ends = Normalize(0.0, view.largest) if named else Normalize(-0.5, view.largest)
-        options: dict[str, Any] = {"location": "bottom", "shrink": 0.85, "aspect": BAR}
+        options: dict[str, str | float] = {"location": "bottom", "shrink": 0.85, "aspect": BAR}
         mapped = ScalarMappable(ends, view.colours)
         bar = figure.colorbar(mapped, ax=axes, label=view.label, extend=view.extend, **options)
         if not named:
@@ -149,7 +149,11 @@ def _bodies(picture: Picture, way: np.ndarray) -> View:
     low, high, extend = colour_limits(all_values)
     plotter = _plotter()
     for surface in surfaces:
-        look: dict[str, Any] = {"scalars": "colour", "cmap": COLOURS, "clim": (low, high)}
+        look: dict[str, str | tuple[float, float]] = {
+            "scalars": "colour",
+            "cmap": COLOURS,
+            "clim": (low, high),
+        }
         plotter.add_mesh(surface, show_scalar_bar=False, **look, **LIGHTING)
         _add_edges(plotter, surface)
     label = (
@@ -199,7 +203,7 @@ def _add_pressed(plotter: pyvista.Plotter, surface: pyvista.PolyData, largest: f
     if closed.any():
         pressed = pyvista.PolyData.from_regular_faces(points, faces[closed])
         pressed.point_data["pressure"] = surface.point_data["pressure"]
-        look: dict[str, Any] = {"cmap": PRESSURES, "clim": (0.0, largest)}
+        look: dict[str, str | tuple[float, float]] = {"cmap": PRESSURES, "clim": (0.0, largest)}
         plotter.add_mesh(pressed, scalars="pressure", show_scalar_bar=False, **look, **LIGHTING)
     if not closed.all():
         open_facets = pyvista.PolyData.from_regular_faces(points, faces[~closed])

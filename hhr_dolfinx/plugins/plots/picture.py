@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from hhr_dolfinx.plugins.plots.contact_fields import (
 )
 from hhr_dolfinx.plugins.plots.deformed import Deformed, DrawnContact, deformed
 from hhr_dolfinx.plugins.plots.recovery import stress_samples
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.pages.beside import MeshBeside
 
 LETTERS = 9
 """Letters of a title per inch."""
@@ -59,7 +62,7 @@ def contact_names(meshed: Meshed) -> list[str]:
     """Name of each contact: the tags of its surfaces, which are names where the mesh has them."""
     if is_full(meshed):
         return [" and ".join(map(str, contact.tags)) for contact in meshed.scene.contacts]
-    beside: Any = meshed
+    beside = cast("MeshBeside", meshed)
     return list(beside.contact_names())
 
 
@@ -81,7 +84,7 @@ def _units_of_parameters(meshed: Meshed) -> Mapping[str, str]:
     """Units of the parameters by name."""
     if is_full(meshed):
         return meshed.scene.parameter_units
-    beside: Any = meshed
+    beside = cast("MeshBeside", meshed)
     return dict(beside.parameter_units())
 
 

@@ -7,7 +7,7 @@ L2 projection on continuous functions, body by body: bodies in contact keep thei
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer, Meshed
 from hhr_dolfinx.models.answer_mesh import AnswerMesh
 from hhr_dolfinx.plugins.plots.contact_fields import is_full
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.pages.beside import MeshBeside
 
 TRIANGLE_KINDS = (5, 69)
 QUADRILATERAL_KINDS = (9, 70)
@@ -136,7 +139,7 @@ def stress_samples(meshed: Meshed, answer: Answer) -> StressSamples | None:
         return StressSamples(mesh.cells, cell_volumes(mesh), mesh.bodies, stress)
     if is_full(meshed):
         return None
-    beside: Any = meshed
+    beside = cast("MeshBeside", meshed)
     arrays = beside.deviators(answer.displacement(), answer.parameter)
     if arrays is None:
         return None

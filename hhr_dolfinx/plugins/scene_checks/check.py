@@ -4,7 +4,7 @@ effect.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -17,7 +17,7 @@ from hhr_dolfinx.full_order.discretisation import Discretisation, discretised
 from hhr_dolfinx.full_order.with_laws import BodiesWithLaws, with_laws
 from hhr_dolfinx.loads import Load, Terms, checked_terms
 from hhr_dolfinx.pairings.surface import Surface
-from hhr_dolfinx.parameters import PointLike
+from hhr_dolfinx.parameters import Place, PointLike, Tag
 from hhr_dolfinx.plugins.scene_checks.findings import MISTAKE, SceneCheck
 from hhr_dolfinx.plugins.scene_checks.mesh import (
     depth_inside,
@@ -26,6 +26,9 @@ from hhr_dolfinx.plugins.scene_checks.mesh import (
     look_at_mesh,
 )
 from hhr_dolfinx.scene import Scene
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.constraints.elimination import Constraint
 
 TOUCHING_AS_DRAWN = 1e-6
 """Gaps below so many times the sag of facets count as zero: the bodies touch as drawn."""
@@ -125,7 +128,7 @@ def _size(check: SceneCheck, problem: ContactProblem) -> None:
     check.say(f"{size}: a full model takes about {memory:.2g} GB and {time} on one core{extra}")
 
 
-def _tags_of(constraint: Any) -> list[Any]:
+def _tags_of(constraint: Constraint) -> list[Tag | Place | None]:
     """Surfaces, sets and places that a constraint names."""
     tags = [
         getattr(constraint, name, None)

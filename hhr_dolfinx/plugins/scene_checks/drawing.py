@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from hhr_dolfinx.compat import extra
@@ -185,7 +183,7 @@ def _draw_supports(check: SceneCheck, axes: Axes, size: float) -> None:
             if k < 3
         )
         nodes = points[discretisation._tagged_dofs(tag, 0) // points.shape[1]]
-        look: dict[str, Any] = {
+        look: dict[str, str] = {
             "marker": SUPPORT_MARKS[index % len(SUPPORT_MARKS)],
             "color": "black",
             "fillstyle": "none",
@@ -212,7 +210,7 @@ def _draw_loads(check: SceneCheck, axes: Axes) -> None:
         loaded = loaded[np.lexsort(points[loaded].T)]
         shown = loaded[np.unique(np.linspace(0, loaded.size - 1, MOST_ARROWS).round().astype(int))]
         ways = length * forces[shown] / sizes[shown, None]
-        look: dict[str, Any] = {
+        look: dict[str, str] = {
             "color": ARROWS[index % len(ARROWS)],
             "label": f"load {index}: {name}",
         }

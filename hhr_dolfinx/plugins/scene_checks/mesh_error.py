@@ -9,7 +9,7 @@ C. Zienkiewicz and J. Z. Zhu, Int. J. Numer. Methods Eng. 24, 1987). It is an es
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import ufl
@@ -137,7 +137,7 @@ def _energies(
     mass = csr_matrix(
         fem.assemble_matrix(compat.jitted(fem.form, weight * trial * test * dx)).to_scipy()
     )
-    recovered: dict[tuple[int, int], Any] = {}
+    recovered: dict[tuple[int, int], fem.Function] = {}
     for i, j in [
         (0, 0),
         (1, 1),

@@ -8,11 +8,12 @@ from hhr_dolfinx.registry import Plugin, Stage
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.reduction.recipe import Recipe
 
 _HERE = "hhr_dolfinx.plugins.shapes"
 
 
-def _reshaped(full: FullModel, recipe: object) -> bool:
+def _reshaped(full: FullModel, recipe: Recipe) -> bool:
     return full.problem.reshaped is not None
 
 

@@ -176,8 +176,8 @@ class ReshapedFunctionals(OverShapes):
 
     def at(self, point: np.ndarray) -> ShapedFunctionals:
         """Outputs on the shape at a point, (P,)."""
-        changed: list[dict[str, Any]] = [{} for _ in self.items]
-        blocks: list[Any] = [
+        changed: list[dict[str, np.ndarray | float]] = [{} for _ in self.items]
+        blocks: list[np.ndarray | tuple[CellStrain, np.ndarray] | None] = [
             None if zone is None else (zone.cells(point), zone.columns) for zone in self.zones
         ]
         arrays = unstacked(self.interpolant.value(point), [shape for _, _, shape in self.arrays])

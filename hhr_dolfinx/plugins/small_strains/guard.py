@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.models.model import AnsweringModel
+    from hhr_dolfinx.snapshots.records import SnapshotSet
 
 
 CHECKED_CORNERS = 16
@@ -94,7 +95,7 @@ class StrainGuard(Guard):
                 warn(f"at {where}: {kind.in_words(size)}", SmallStrainWarning)
                 return
 
-    def check(self, full: FullModel, *sets: Any) -> None:
+    def check(self, full: FullModel, *sets: SnapshotSet | None) -> None:
         """Check sets of answers at single parameters.
 
         The problem of the full model is that of the guard, or the same with all rows on each

@@ -83,7 +83,7 @@ def _frame(across: str, up: str, content: Sequence[str], title: str) -> str:
     )
 
 
-def _text(x: float, y: float, anchor: str, content: object) -> str:
+def _text(x: float, y: float, anchor: str, content: str | float) -> str:
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{content}</text>'
 
 

@@ -24,7 +24,7 @@ from hhr_dolfinx.certify.accuracy import (
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, OutsideTrainingWarning
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.models.answer import Model
+from hhr_dolfinx.models.answer import History, Model, ModelFields
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.snapshots.records import Lost, Progress, SnapshotSet, compute_snapshots
 from hhr_dolfinx.warn import ignored
@@ -103,14 +103,14 @@ class Measurement:
     skipped: Sequence[dict[str, str]] = ()  #: items left out, with reasons
     #: further data for pictures: the full and the reduced history at the last test; empty for
     #: points
-    drawn: tuple = ()
+    drawn: tuple[History, ...] = ()
     #: rows of the work-precision table of methods that were refused, each with the reason
     refused: Sequence[Report] = ()
     #: small models under their names in the advice, ``hhr`` and ``condensed``
-    models: Mapping[str, Any] = field(default_factory=dict)
+    models: Mapping[str, Model] = field(default_factory=dict)
 
 
-def conditions_inside(model: object) -> np.ndarray | None:
+def conditions_inside(model: Model | ModelFields) -> np.ndarray | None:
     """Contact conditions in the RID of a model, or of the fields of an answer, if it has one."""
     fields = getattr(model, "fields", model)
     return fields.A_lambda if isinstance(fields, Reconstruction) else None

@@ -11,14 +11,16 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias, TypeGuard, cast
 
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.plugins.studies import charts
 from hhr_dolfinx.plugins.studies.advice import in_words
 
-JsonObject = Mapping[str, Any]
+Json: TypeAlias = "bool | int | float | str | Sequence[Json] | Mapping[str, Json] | None"
+"""Value of a report."""
+JsonObject = Mapping[str, Json]
 """Report, or a part of it with names, as ``report.json`` has it."""
 LONG_CELL = 18
 """Length of the text of a cell above which it may break into several lines."""
@@ -168,20 +170,20 @@ def page_of(report: JsonObject, folder: Path) -> str:
     )
 
 
-def _mapping(value: object) -> JsonObject:
+def _mapping(value: Json) -> JsonObject:
     """A part of a report that is a table by name; empty if it is missing or no table."""
     return value if isinstance(value, Mapping) else {}
 
 
-def _mappings(value: object) -> list[JsonObject]:
+def _mappings(value: Json) -> list[JsonObject]:
     return [row for row in value if isinstance(row, Mapping)] if isinstance(value, list) else []
 
 
-def _is_number(value: object) -> bool:
+def _is_number(value: Json) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and not math.isnan(value)
 
 
-def _is_summary(value: object) -> bool:
+def _is_summary(value: Json) -> TypeGuard[JsonObject]:
     return isinstance(value, Mapping) and "median" in value
 
 
@@ -208,7 +210,7 @@ def _line(cells: Sequence[str], tag: str) -> str:
     )
 
 
-def _percent(value: Any) -> str:
+def _percent(value: Json) -> str:
     if not _is_number(value):
         return "-"
     if math.isinf(value):
@@ -216,11 +218,11 @@ def _percent(value: Any) -> str:
     return "round-off" if abs(value) < 1e-10 else f"{100 * value:.2g} %"
 
 
-def _seconds(value: Any) -> str:
+def _seconds(value: Json) -> str:
     return in_words(value) if _is_number(value) and math.isfinite(value) else "-"
 
 
-def _text(value: object) -> str:
+def _text(value: Json) -> str:
     """Anything of a report as text."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
@@ -235,7 +237,7 @@ def _text(value: object) -> str:
     return str(value)
 
 
-def _words(name: object) -> str:
+def _words(name: str) -> str:
     return str(name).replace("_", " ")
 
 
@@ -294,7 +296,7 @@ def error_rows(errors: JsonObject) -> dict[str, list[str]]:
 
 def time_rows(times: JsonObject) -> list[list[str]]:
     """Cells of the ``times`` of a report, below :data:`TIME_HEAD`."""
-    base: Any = _mapping(times.get("online") or times.get("condensed")).get("median")
+    base = _mapping(times.get("online") or times.get("condensed")).get("median")
     rows = []
     for key, figures in times.items():
         if _is_summary(figures):
@@ -431,8 +433,8 @@ def _marks(rows: Sequence[JsonObject], key: str) -> list[charts.Mark]:
             " ".join(
                 dict.fromkeys(_text(row.get(name, "")) for name in ("method", "setting"))
             ).strip(),
-            row["online_s"],
-            row[key],
+            cast("float", row["online_s"]),
+            cast("float", row[key]),
             _number(row.get(f"{key}_p95")),
             _number(row.get(f"{key}_max")),
             own=row.get("setting") == "this model",
@@ -467,13 +469,13 @@ def _maps(report: JsonObject, errors: list[float]) -> list[str]:
     ]
 
 
-def _numbers(values: object) -> list[float]:
+def _numbers(values: Json) -> list[float]:
     """Numbers of a list, with NaN for other values."""
     return [_number(value) for value in values] if isinstance(values, list) else []
 
 
-def _number(value: object) -> float:
-    return float(value) if _is_number(value) else math.nan  # type: ignore[arg-type]
+def _number(value: Json) -> float:
+    return float(value) if _is_number(value) else math.nan
 
 
 def _figure(path: Path) -> str:
@@ -549,7 +551,7 @@ def _folded(title: str, content: str) -> str:
     return f"<details><summary>{escape(title)}</summary>{content}</details>" if content else ""
 
 
-def _plain(value: object) -> str:
+def _plain(value: Json) -> str:
     """A part of a report as a table: rows that share their keys, or values by name."""
     if rows := _mappings(value):
         head = list(dict.fromkeys(name for row in rows for name in row))

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from dolfinx.plot import vtk_mesh
@@ -27,6 +27,9 @@ from hhr_dolfinx.plugins.studies.of_laws import study_of
 from hhr_dolfinx.plugins.studies.settings import View
 from hhr_dolfinx.units import Units
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
 # files only: without a display VTK would first look for an X server and print an error
 if sys.platform == "linux" and "DISPLAY" not in os.environ:
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
@@ -36,7 +39,7 @@ with extra("pictures", "pictures and fields for ParaView"):
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Curves = dict[str, tuple[Any, Any]]
+Curves = Mapping[str, tuple["ArrayLike", "ArrayLike"]]
 """Positions and values of curves by name."""
 COLOUR_PERCENTILE = 99.0
 """Percentiles of the values that bound the colours: else an infinite stress at a corner would take

@@ -204,7 +204,7 @@ def measure_points(
     kind = dict.fromkeys(baselines, "baseline") | ({"condensed": "interpolated"} if offline else {})
     order = [name for name in ("condensed", "fom_best", *baselines) if name in errors]
     rows = [Row(name, kind.get(name, "exact"), warm[name], errors[name]) for name in order]
-    small: dict[str, Any] = {"condensed": model} if refused else {}
+    small: dict[str, Model] = {"condensed": model} if refused else {}
     small |= {name: models[name] for name in ("condensed",) if name in models}
     return Measurement(studied, rows, beside, report, skipped, models=small)
 
@@ -303,7 +303,7 @@ def _warm(models: dict[str, Model], known: KnownStatuses) -> Queries:
     argument.
     """
 
-    def near(solve: Callable) -> Callable:
+    def near(solve: Callable[..., Answer]) -> Query:
         return lambda point: solve(point, start=known.active[known.nearest(point)])
 
     return {

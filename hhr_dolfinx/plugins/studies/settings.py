@@ -4,9 +4,9 @@ or such functions.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,12 @@ from hhr_dolfinx.errors import StudyError
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.parameters import check_counts
 from hhr_dolfinx.reduction.recipe import Recipe
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    from hhr_dolfinx.models.answer import Path
+    from hhr_dolfinx.plugins.paths.path_families import NamedPath
 
 
 @dataclass(frozen=True)
@@ -35,7 +41,7 @@ class View:
         deformed: draw fields on the deformed mesh.
     """
 
-    points: tuple = ()
+    points: tuple[Sequence[float], ...] = ()
     position: Callable[[np.ndarray], np.ndarray] | None = None
     label: str | None = None
     component: tuple[int, str] | None = None
@@ -74,14 +80,14 @@ class StudySettings:
     recipe: Recipe | None = None
     variants: Sequence[tuple[str, Recipe]] = ()
     models: Mapping[str, Recipe] = field(default_factory=dict)
-    tests: Any = 200
-    held_out: Any = None
+    tests: int | Mapping[Hashable, Path] | Sequence[NamedPath] = 200
+    held_out: int | Sequence[Path] | None = None
     seed: int = 1
     queries: int = 200
     naive: bool = True
     march: MarchSettings = DEFAULT_MARCH
     repetitions: int = 3
-    correction: Any = None
+    correction: DataclassInstance | None = None
 
     def __post_init__(self) -> None:
         check_counts(
@@ -117,9 +123,9 @@ class StudySettings:
         )
 
 
-def _labelled(paths: Sequence[Any]) -> dict[str, Any]:
+def _labelled(paths: Sequence[Path]) -> dict[str, Path]:
     """Paths by their names; StudyError for paths without a name, and for two of the same name."""
-    labelled: dict[str, Any] = {}
+    labelled: dict[str, Path] = {}
     for number, path in enumerate(paths):
         name = getattr(path, "name", None)
         if not isinstance(name, str):

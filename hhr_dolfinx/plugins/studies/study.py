@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -57,7 +57,7 @@ class Study:
     training: Training  #: full model and training answers
     #: the reduced model under study; the condensed one if hyper-reduction is refused
     model: KeptModel
-    tests: np.ndarray | dict[Any, HistoryPath]  #: test points, (n, P), or paths by label
+    tests: np.ndarray | dict[Hashable, HistoryPath]  #: test points, (n, P), or paths by label
     measured: Measurement  #: errors and times of the model and of those compared with it
     settings: StudySettings  #: of the study
     report: Report  #: all figures under the keys that scenes share; a demo may add others
@@ -81,7 +81,7 @@ class Study:
         folder = checked_folder(folder)
         write_report(self.report, folder)
         print_report(self.report, console)
-        model: Any = self.model
+        model = self.model
         save_model(folder / "study.npz", model)
         advised: Any = self.measured.models.get(self.report["advised"])
         if advised is not None and advised is not model:
@@ -197,12 +197,12 @@ def run_study(
 
 def _tests_of(
     scene: Scene, settings: StudySettings, points: PointsLike | None
-) -> np.ndarray | dict[Any, HistoryPath]:
+) -> np.ndarray | dict[Hashable, HistoryPath]:
     """Test points, (n, P), or checked paths by label for bodies with laws.
 
     StudyError for the wrong kind.
     """
-    tests = settings.tests
+    tests: Any = settings.tests
     if scene.remembers:
         raise NotOfferedError(
             f"a study of scene '{scene.name}' is not built in, as its contacts remember their "

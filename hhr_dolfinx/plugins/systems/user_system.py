@@ -7,10 +7,10 @@ nothing of constraints and springs: these are added to its equations (:mod:`.res
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, issparse
@@ -36,6 +36,9 @@ from hhr_dolfinx.warn import warn
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.system import Made, Middle
+
+Solved = TypeVar("Solved")
+"""Kind of system that is made of a K."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,11 +171,13 @@ class UserSystem:
             _check_terms(system.problem, given[0], self.scene.name)
         return system
 
-    def _with_pattern(self, problem: ContactProblem, made: Any) -> Any:
+    def _with_pattern(
+        self, problem: ContactProblem, made: Callable[[csr_matrix, ContactProblem], Solved]
+    ) -> Callable[[csr_matrix, ContactProblem], Solved]:
         """``made`` for matrices with the pattern of K of the bodies alone."""
         pattern = problem.own_stiffness
 
-        def checked(matrix: csr_matrix, problem: ContactProblem) -> Any:
+        def checked(matrix: csr_matrix, problem: ContactProblem) -> Solved:
             """System of a problem with K, the matrix.
 
             Raises:

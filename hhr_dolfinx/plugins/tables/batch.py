@@ -25,6 +25,7 @@ from hhr_dolfinx.trained import TrainedRange, check_outside
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
+    from numpy.typing import ArrayLike
 
 Progress = Callable[[Iterable], Iterable]
 """Wrapper of an iteration, for a progress bar."""
@@ -252,7 +253,7 @@ class Query:
         """
         if not rows.size:
             return
-        filled: dict[str, Any] = {"forces": many.forces()}
+        filled: dict[str, ArrayLike] = {"forces": many.forces()}
         if self._other_forces:
             filled["total_force"] = [self.model.pressures(answer).sum() for answer in many]
         if heads := self.outputs.values():

@@ -4,14 +4,14 @@ call.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.parameters import PointsLike, named_values
-from hhr_dolfinx.plugins.tables.batch import answer_points
+from hhr_dolfinx.plugins.tables.batch import Answers, answer_points
 from hhr_dolfinx.plugins.tables.tables import columns_of
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def to_xarray(
         import xarray
 
     parameters, answers = _answered(model, points, outside)
-    values: dict[str, Any] = {
+    values: dict[str, tuple[str | tuple[str, str], np.ndarray | list[str]]] = {
         name: ("point", column_values)
         for name, column_values in columns_of(answers, forces=False).items()
     }
@@ -82,7 +82,7 @@ def to_xarray(
 
 def _answered(
     model: AnsweringModel, points: PointsLike, outside: str
-) -> tuple[dict[str, np.ndarray], Any]:
+) -> tuple[dict[str, np.ndarray], Answers]:
     """Parameters by name, and answers to an array of points, or to columns with names."""
     names = model.parameters.names
     columns = named_values(points)
@@ -90,5 +90,5 @@ def _answered(
         columns is not None
     ):  # a table of a study has further columns, which a file of a table may have too
         points = {name: column for name, column in columns.items() if name in names}
-    answers: Any = answer_points(model, points, outside=outside)
+    answers = cast("Answers", answer_points(model, points, outside=outside))
     return dict(zip(names, answers.points.T, strict=True)), answers

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,7 @@ from hhr_dolfinx.loads import Assembler, Term
 from hhr_dolfinx.parameters import Tag, as_tuple, check_tag, is_number
 
 if TYPE_CHECKING:
-    pass
+    from ufl.core.expr import Expr
 
 ISOTROPIC = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 """Isotropic strain of 1 along each axis."""
@@ -146,7 +146,7 @@ class Eigenstrain(KnownArguments):
     tag: Tag
     amplitude: Amplitude | Formula
     strain: tuple[tuple[float, ...], ...] = ISOTROPIC
-    field: Callable[[Any], Any] | None = None
+    field: Callable[[ufl.SpatialCoordinate], Expr] | None = None
 
     def __post_init__(self) -> None:
         check_tag("eigenstrain", self.tag)
@@ -206,7 +206,7 @@ class ThermalExpansion(KnownArguments):
     tag: Tag
     expansion: Formula
     temperature: Formula
-    field: Callable[[Any], Any] | None = None
+    field: Callable[[ufl.SpatialCoordinate], Expr] | None = None
 
     def __post_init__(self) -> None:
         check_tag("thermal expansion", self.tag)
@@ -250,7 +250,7 @@ def _times(amplitude: Amplitude | Formula, modulus: Formula, forces: np.ndarray)
     return Term(modulus.times(_formula(amplitude, "an amplitude")), forces)
 
 
-def _formula(value: object, what: str) -> Formula:
+def _formula(value: Amplitude | Formula | str | float, what: str) -> Formula:
     """A number, a text or an affine amplitude as a formula."""
     if not isinstance(value, Amplitude):
         return formula_of(value, what)
@@ -267,7 +267,7 @@ def _formula(value: object, what: str) -> Formula:
     return formula
 
 
-def _vector(what: str, value: object) -> tuple[float, ...]:
+def _vector(what: str, value: Sequence[float]) -> tuple[float, ...]:
     """A tuple of finite numbers."""
     vector = as_tuple(what, value)
     if not all(is_number(component) for component in vector):
@@ -300,7 +300,7 @@ def _symmetric(what: str, value: Any) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(row) for row in tensor.tolist())
 
 
-def _check_field(what: str, field: object) -> None:
+def _check_field(what: str, field: Callable[[ufl.SpatialCoordinate], Expr] | None) -> None:
     if field is not None and not callable(field):
         raise SceneError(
             f"the field {field!r} of {what} must be a function of the coordinates, or None for 1"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from bare import SCENE_FOLDERS
 from launched import launch
-from needs import needs
+from needs import OURS, needs
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
@@ -35,7 +35,7 @@ EVERY_DAY = [
 SAME = 1e-10
 
 
-@needs("decks", "um_bridge")
+@needs(*OURS)
 def test_every_command_and_every_verb_has_an_entry():
     """A new one without an entry fails here."""
     assert {name.split()[0] for name in every.COMMANDS} == set(every.command.list_commands(None))
