@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -250,7 +250,7 @@ def _times(amplitude: Amplitude | Formula, modulus: Formula, forces: np.ndarray)
     return Term(modulus.times(_formula(amplitude, "an amplitude")), forces)
 
 
-def _formula(value: object, what: str) -> Formula:
+def _formula(value: Amplitude | Formula | str | float, what: str) -> Formula:
     """A number, a text or an affine amplitude as a formula."""
     if not isinstance(value, Amplitude):
         return formula_of(value, what)
@@ -267,7 +267,7 @@ def _formula(value: object, what: str) -> Formula:
     return formula
 
 
-def _vector(what: str, value: object) -> tuple[float, ...]:
+def _vector(what: str, value: Sequence[float]) -> tuple[float, ...]:
     """A tuple of finite numbers."""
     vector = as_tuple(what, value)
     if not all(is_number(component) for component in vector):
