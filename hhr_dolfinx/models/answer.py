@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from os import PathLike
@@ -155,7 +155,9 @@ class ModelFields:
 
     bound: Any = None  #: bounds the error of an answer
     output_bound: Any = None  #: estimates the errors of outputs
-    indicator: Any = None  #: estimates the error of an answer; the recipe chooses it
+    indicator: Callable[[Answer], float] | None = (
+        None  #: estimates the error of an answer; the recipe chooses it
+    )
     flow: Completion | None = None  #: completes the fields of bodies with laws
     #: completes forces and memory of a law of interfaces in hyper-reduced models
     interface: InterfaceCompletion | None = None
@@ -660,6 +662,14 @@ class Model(Protocol):
     Studies, checks and users rely on it.
     """
 
+    @property
+    def parameters(self) -> ParameterSpace:
+        """Box of the parameters."""
+
+    @property
+    def law(self) -> ContactLaw:
+        """Law of its contact conditions."""
+
     def solve(
         self,
         mu: PointLike,
@@ -708,7 +718,7 @@ class Model(Protocol):
 
 
 def one_by_one(
-    model: Any, table: PointsLike, raise_on_failure: bool, outside: str
+    model: Model, table: PointsLike, raise_on_failure: bool, outside: str
 ) -> ListedAnswers:
     """Answers of a model that has no faster way, point by point.
 
