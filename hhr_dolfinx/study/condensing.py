@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from mpi4py import MPI
 
 from hhr_dolfinx.errors import ReductionError
@@ -11,9 +13,15 @@ from hhr_dolfinx.reduction.kinds import kind_of
 from hhr_dolfinx.reduction.reductor import Task, condensing, made
 from hhr_dolfinx.scene import Scene
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 
 def condense(
-    scene: Scene | FullOrderModel, settings: object = None, *, fields: bool | None = None
+    scene: Scene | FullOrderModel,
+    settings: DataclassInstance | None = None,
+    *,
+    fields: bool | None = None,
 ) -> CondensedModel:
     """Build a model that keeps all contact conditions and eliminates the rest, without snapshots.
 
@@ -47,7 +55,7 @@ def condense(
 
 
 def condensed(
-    full: FullOrderModel, settings: object = None, *, fields: bool | None = None
+    full: FullOrderModel, settings: DataclassInstance | None = None, *, fields: bool | None = None
 ) -> CondensedModel:
     """See :func:`condense`; without the check of strains.
 
