@@ -82,7 +82,7 @@ class StepOptions(TypedDict, total=False):
     """Further arguments of a step from rest to a point."""
 
     duration: float  #: of the step in seconds, for laws of bodies with rates
-    converged: bool  #: refine the path, with friction
+    converged: bool  #: refine the path, for laws of contacts
 
 
 class SolveOptions(ManyOptions, StepOptions, total=False):

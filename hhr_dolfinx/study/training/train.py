@@ -53,7 +53,7 @@ Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
 
 
-class Choice(Protocol):
+class ChosenQueries(Protocol):
     """Record of a training that chose its queries."""
 
     @property
@@ -78,7 +78,7 @@ class ChoosingTraining(Protocol):
         comm: MPI.Comm,
         progress: Callable[[Iterable], Iterable],
         store: SnapshotStore | None,
-    ) -> tuple[SnapshotSet, Choice]:
+    ) -> tuple[SnapshotSet, ChosenQueries]:
         """Training answers, and the record of their choice.
 
         Args:
@@ -120,7 +120,7 @@ class Training(Shown):
     snapshots: SnapshotSet
     held_out: SnapshotSet | None
     log: StageLog
-    choice: Choice | None = None
+    choice: ChosenQueries | None = None
     read: int = 0
 
     def facts(self) -> dict[str, str]:
@@ -369,7 +369,7 @@ def _solved(
     progress: Progress,
     store: SnapshotStore | None,
     march: MarchSettings,
-) -> tuple[SnapshotSet, Choice | None]:  # fmt: skip
+) -> tuple[SnapshotSet, ChosenQueries | None]:  # fmt: skip
     """Training answers, and the record of a greedy choice; warns of queries without an answer."""
     lost = Lost()
     choice = None
