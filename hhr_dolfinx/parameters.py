@@ -102,7 +102,7 @@ def check_place(what: str, place: Tag | Place) -> None:
         check_tag(what, place)
 
 
-def check_tag(what: str, tag: object) -> None:
+def check_tag(what: str, tag: Tag | Place) -> None:
     """Check a tag of a mesh.
 
     Args:

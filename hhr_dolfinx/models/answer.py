@@ -656,11 +656,8 @@ class ListedAnswers(SeveralAnswers):
         return np.array([answer.iterations for answer in self.answers])
 
 
-class Model(Protocol):
-    """Interface of all models: full, reduced, condensed, baseline.
-
-    Studies, checks and users rely on it.
-    """
+class HasLaw(Protocol):
+    """A model, or the equilibrium of its bodies, of contact conditions with a law."""
 
     @property
     def parameters(self) -> ParameterSpace:
@@ -669,6 +666,17 @@ class Model(Protocol):
     @property
     def law(self) -> ContactLaw:
         """Law of its contact conditions."""
+
+    @property
+    def conditions(self) -> int:
+        """Number of contact conditions."""
+
+
+class Model(HasLaw, Protocol):
+    """Interface of all models: full, reduced, condensed, baseline.
+
+    Studies, checks and users rely on it.
+    """
 
     def solve(
         self,

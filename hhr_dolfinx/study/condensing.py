@@ -16,10 +16,12 @@ from hhr_dolfinx.scene import Scene
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+    from hhr_dolfinx.reduction.reductor import Reductor
+
 
 def condense(
     scene: Scene | FullOrderModel,
-    settings: DataclassInstance | None = None,
+    settings: DataclassInstance | Reductor | None = None,
     *,
     fields: bool | None = None,
 ) -> CondensedModel:
@@ -55,7 +57,10 @@ def condense(
 
 
 def condensed(
-    full: FullOrderModel, settings: DataclassInstance | None = None, *, fields: bool | None = None
+    full: FullOrderModel,
+    settings: DataclassInstance | Reductor | None = None,
+    *,
+    fields: bool | None = None,
 ) -> CondensedModel:
     """See :func:`condense`; without the check of strains.
 

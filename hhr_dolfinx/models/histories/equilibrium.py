@@ -137,7 +137,7 @@ class Histories(Protocol[Answering]):
         """Line on the errors of answers, from that of unilateral contact of elastic bodies."""
 
 
-class Equilibrium(Histories["Model"], Protocol):
+class Equilibrium(Histories[Answering], Protocol[Answering]):
     """Equilibrium of bodies with laws, of a full or a small model.
 
     The plug-in that reads the laws makes it.

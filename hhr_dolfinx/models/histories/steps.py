@@ -16,7 +16,7 @@ from hhr_dolfinx.models.histories.equilibrium import Answering
 from hhr_dolfinx.models.histories.path import solve_along
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import Answer, History, Model, Path
+    from hhr_dolfinx.models.answer import Answer, HasLaw, History, Model, Path
     from hhr_dolfinx.models.histories.equilibrium import Following, MarchSettings, StepOptions
 
 
@@ -88,7 +88,7 @@ class Steps(Generic[Answering]):
 
     def step_contact(
         self,
-        model: Answering,
+        model: Any,
         before: Answer,
         point: np.ndarray,
         time: float,
@@ -109,7 +109,7 @@ class Steps(Generic[Answering]):
         """
         raise NotOfferedError(f"steps by linearisation are not built in with {model.law.name}")
 
-    def at_rest(self, model: Answering, gaps: np.ndarray, point: np.ndarray) -> Memory:
+    def at_rest(self, model: HasLaw, gaps: np.ndarray, point: np.ndarray) -> Memory:
         """Memory of undeformed bodies.
 
         Args:
@@ -119,7 +119,7 @@ class Steps(Generic[Answering]):
         """
         return NO_MEMORY
 
-    def watch(self, model: Answering) -> Callable[[Answer], None]:
+    def watch(self, model: HasLaw) -> Callable[[Answer], None]:
         """Check of the ends of the steps of one history."""
         return lambda answer: None
 
@@ -153,7 +153,7 @@ class UnilateralSteps(Steps["Model"]):
 
     def step_contact(
         self,
-        model: Model,
+        model: HasLaw,
         before: Answer,
         point: np.ndarray,
         time: float,

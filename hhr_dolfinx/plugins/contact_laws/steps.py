@@ -13,7 +13,7 @@ import numpy as np
 from hhr_dolfinx.contact.law import StepContact
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
-from hhr_dolfinx.models.answer import Answer, History, Path
+from hhr_dolfinx.models.answer import Answer, HasLaw, History, Path
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.steps import Steps
 from hhr_dolfinx.plugins.contact_laws.increments import Increments, follow, proportional, single
@@ -74,7 +74,7 @@ class LawSteps(Steps["AnsweringModel"]):
 
     def step_contact(
         self,
-        model: AnsweringModel,
+        model: Any,
         before: Answer,
         point: np.ndarray,
         time: float,
@@ -91,7 +91,7 @@ class LawSteps(Steps["AnsweringModel"]):
         """
         return RangesStep(ranged(model.law, model.conditions), before, point, time, last)
 
-    def at_rest(self, model: AnsweringModel, gaps: np.ndarray, point: np.ndarray) -> Memory:
+    def at_rest(self, model: HasLaw, gaps: np.ndarray, point: np.ndarray) -> Memory:
         """Of all laws.
 
         Args:
@@ -105,7 +105,7 @@ class LawSteps(Steps["AnsweringModel"]):
             memory = memory | law_range.solver().memory_at_rest(rows, point)
         return memory
 
-    def watch(self, model: AnsweringModel) -> Callable[[Answer], None]:
+    def watch(self, model: HasLaw) -> Callable[[Answer], None]:
         """Of all laws."""
         solvers = [law_range.solver() for law_range in ranged(model.law, model.conditions).ranges]
 

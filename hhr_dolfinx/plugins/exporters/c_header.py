@@ -185,7 +185,7 @@ class _Data:
             quoted = ", ".join(_quoted(value) for value in values) or "0"
             yield f"static const char *const model_{name}[] = {{{quoted}}};"
 
-    def _declared(self, name: str, value: Struct | list[Struct] | str | np.ndarray | None) -> str:
+    def _declared(self, name: str, value: Any) -> str:
         """Declaration of an array, of a record or of several."""
         if isinstance(value, Struct):
             return f"static const model_{value.kind} model_{name} = {self._record(value)};"
@@ -219,11 +219,7 @@ class _Data:
         }
         return "{" + (", ".join(f".{key} = {text}" for key, text in fields.items()) or "0") + "}"
 
-    def _field(
-        self,
-        key: str,
-        value: RecordedFormula | Struct | list[RecordedFormula] | str | np.ndarray | float,
-    ) -> str:
+    def _field(self, key: str, value: Any) -> str:
         if isinstance(value, RecordedFormula):
             return self._function(value.steps)
         if isinstance(value, Struct) and key == "interpolant":

@@ -91,7 +91,7 @@ class ChoosingTraining(Protocol):
 
 
 TrainingLike: TypeAlias = (
-    "PointsLike | Sobol | LatinHypercube | Sequence[LoadPath] | ChoosingTraining"
+    "int | PointsLike | Sobol | LatinHypercube | Sequence[LoadPath] | ChoosingTraining"
 )
 """Counts along each parameter of a grid, points, a sampling, load paths, or a training that chooses
 its queries.
@@ -187,7 +187,7 @@ class Training(Shown):
         return partial(registry.load(import_paths[name]), self)
 
     def condense(
-        self, settings: DataclassInstance | None = None, announce: Announce | None = None
+        self, settings: DataclassInstance | Reductor | None = None, announce: Announce | None = None
     ) -> CondensedModel | KeptModel:
         """Build a model that keeps all contact conditions, with its check.
 
