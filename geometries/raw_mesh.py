@@ -166,7 +166,11 @@ class RawMesh:
 
 
 def _middles_of_faces(
-    points: np.ndarray, corners: np.ndarray, sides: np.ndarray, edges: list, faces: list
+    points: np.ndarray,
+    corners: np.ndarray,
+    sides: np.ndarray,
+    edges: list[list[int]],
+    faces: list[list[int]],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points followed by the middles of the faces of hexahedra, and the numbers of these middles,
     (c, 6).

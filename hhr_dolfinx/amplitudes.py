@@ -192,7 +192,7 @@ class NonAffine(Protocol):
         """Numbers, each once, and amplitudes of the columns that act at a point, (P,)."""
 
 
-def checked_count(amplitude: object, space: ParameterSpace, owner: object) -> int:
+def checked_count(amplitude: NonAffine, space: ParameterSpace, owner: object) -> int:
     """Number of columns of a non-affine amplitude, checked in the middle of the box.
 
     Args:
@@ -212,7 +212,7 @@ def checked_count(amplitude: object, space: ParameterSpace, owner: object) -> in
             f"the amplitude {amplitude!r} of {owner!r} must be an Amplitude, or a frozen "
             "dataclass with a count that returns (columns, values) for a point"
         )
-    count: Any = getattr(amplitude, "count", None)
+    count = getattr(amplitude, "count", None)
     if not is_whole(count, 1):
         raise SceneError(
             f"the count {count!r} of {amplitude!r} of {owner!r} must be its number of columns"

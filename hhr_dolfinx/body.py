@@ -15,6 +15,7 @@ from hhr_dolfinx.parameters import ParameterSpace, Tag, check_tag, is_number
 from hhr_dolfinx.units import Units
 
 if TYPE_CHECKING:
+    from ufl import SpatialCoordinate
     from ufl.core.expr import Expr
 
 
@@ -70,8 +71,8 @@ class Body(KnownArguments):
     young: float | str
     poisson: float | str
     law: Any = None
-    grading: Callable[[Any], Any] | None = None
-    stress: Callable[[Any], Any] | None = None
+    grading: Callable[[SpatialCoordinate], Expr] | None = None
+    stress: Callable[[Expr], Expr] | None = None
 
     def __post_init__(self):
         check_tag("body", self.tag)

@@ -20,17 +20,26 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from functools import lru_cache
 from pathlib import Path
-from types import CodeType
+from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from hhr_dolfinx import solver_first
 from hhr_dolfinx.errors import FileError, MissingPackageError, ModelFileWarning, SceneError
 
 if TYPE_CHECKING:
+    import gmsh
     import numpy as np
+    from basix.finite_element import FiniteElement as LagrangeElement
+    from dolfinx.cpp.graph import AdjacencyList_int32
+    from dolfinx.cpp.mesh import CellType
     from dolfinx.fem import FiniteElement
     from dolfinx.mesh import Mesh, MeshTags
     from mpi4py.MPI import Comm
+    from netCDF4 import Dataset
+    from numba.core.dispatcher import Dispatcher
+    from numba.core.event import Event
+    from ufl import Form
+    from ufl.core.expr import Expr
 
     Shares = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
     TaggedMesh = tuple[Mesh, MeshTags, MeshTags]
@@ -38,9 +47,12 @@ if TYPE_CHECKING:
 
     a :class:`NamedMesh` is one.
     """
+    Partitioner = Callable[[Comm, int, list[CellType], list[np.ndarray]], AdjacencyList_int32]
+    """Ranks of cells for DOLFINx, from the number of ranks, kinds and corners of cells."""
     Groups = list[tuple[str | int, tuple[int, int | tuple[int, ...]]]]
 
 T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., object])
 _log = logging.getLogger(__name__)
 MINIMUM_DOLFINX = (0, 9)
 
@@ -98,7 +110,7 @@ def extra(name: str, what: str) -> Iterator[None]:
 
 
 @contextmanager
-def netcdf_read(path: Path, what: str) -> Iterator[Any]:
+def netcdf_read(path: Path, what: str) -> Iterator[Dataset]:
     """Open a netCDF or HDF5 file by netCDF4; arrays have no masks.
 
     Args:
@@ -115,7 +127,7 @@ def netcdf_read(path: Path, what: str) -> Iterator[Any]:
             yield data
 
 
-def netcdf4(what: str) -> Any:
+def netcdf4(what: str) -> ModuleType:
     """Import the package netCDF4, for ``what``.
 
     Its HDF5 differs from that of DOLFINx, whose symbols are global once PETSc is loaded. Unless
@@ -202,7 +214,9 @@ def versions() -> dict[str, str]:
     }
 
 
-def gmsh_to_mesh(model: Any, comm: Comm, gdim: int, shares: Shares | None = None) -> NamedMesh:
+def gmsh_to_mesh(
+    model: type[gmsh.model], comm: Comm, gdim: int, shares: Shares | None = None
+) -> NamedMesh:
     """Convert a gmsh model on rank 0 to a mesh with tags and the names of physical groups.
 
     Args:
@@ -249,7 +263,7 @@ def gmsh_to_mesh(model: Any, comm: Comm, gdim: int, shares: Shares | None = None
     return NamedMesh(mesh, cell_tags, facet_tags, comm.bcast(groups))
 
 
-def _kinds_of_cells(model: Any) -> set[int]:
+def _kinds_of_cells(model: type[gmsh.model]) -> set[int]:
     """Kinds of the elements of the highest dimension in physical groups, by gmsh's numbers."""
     groups = model.getPhysicalGroups()
     dim = max((group[0] for group in groups), default=0)
@@ -262,7 +276,7 @@ def _kinds_of_cells(model: Any) -> set[int]:
     return {int(kind) for entity in entities for kind in model.mesh.getElements(dim, entity)[0]}
 
 
-def jitted(compiler: Callable[..., T], *given: Any) -> T:
+def jitted(compiler: Callable[..., T], *given: Form | Expr | np.ndarray) -> T:
     """Form or expression that FFCx compiles: ``compiler`` is ``fem.form`` or ``fem.Expression``.
 
     FFCx marks what it compiles by a file. If a run is killed meanwhile the file is left, and later
@@ -331,7 +345,9 @@ def linear_mesh(
     )
 
 
-def _partitioner(comm: Comm, points: np.ndarray | None, shares: Shares | None) -> Callable | None:
+def _partitioner(
+    comm: Comm, points: np.ndarray | None, shares: Shares | None
+) -> Partitioner | None:
     """Partitioner for DOLFINx of a mesh on the first rank, with points there, (n, dim).
 
     None without ``shares``.
@@ -341,7 +357,9 @@ def _partitioner(comm: Comm, points: np.ndarray | None, shares: Shares | None) -
     import numpy as np
     from dolfinx import cpp, graph
 
-    def partition(_: object, count: int, kinds: list[Any], corners: list[np.ndarray]) -> Any:
+    def partition(
+        _: Comm, count: int, kinds: list[CellType], corners: list[np.ndarray]
+    ) -> AdjacencyList_int32:
         """Graph of ranks of cells: ``count`` ranks, cells by ``kinds`` and ``corners``."""
         ranks_of_cells = [np.zeros(0, dtype="int32")]
         for kind, corner_table in zip(kinds, corners, strict=True):
@@ -398,6 +416,7 @@ def quadrature(cell: str, degree: int) -> tuple[np.ndarray, np.ndarray]:
         cell: name of the cell.
         degree: degree of the rule.
     """
+
     import basix
 
     return basix.make_quadrature(basix.CellType[cell], degree)
@@ -419,6 +438,7 @@ def shape_functions(
 
 def topology(cell: str) -> tuple[list[list[int]], list[list[int]]]:
     """Corners of the edges and of the faces of a reference cell, in the order of DOLFINx."""
+
     import basix
 
     entities = basix.topology(basix.CellType[cell])
@@ -435,8 +455,9 @@ def nodes_of_cell(cell: str, degree: int) -> np.ndarray:
     return _lagrange(cell, degree).points
 
 
-def _lagrange(cell: str, degree: int) -> Any:
+def _lagrange(cell: str, degree: int) -> LagrangeElement:
     """The default Lagrange element of DOLFINx: up to degree 2 all variants have the same nodes."""
+
     import basix
 
     variant = basix.LagrangeVariant.gll_warped
@@ -444,8 +465,8 @@ def _lagrange(cell: str, degree: int) -> Any:
 
 
 def compiled(
-    *, inner: bool = False, dear: str | None = None, **options: Any
-) -> Callable[[Callable], Callable]:
+    *, inner: bool = False, dear: str | None = None, **options: bool | str | set[str]
+) -> Callable[[F], F]:
     """numba's ``njit`` with a cache on disk, or without a cache if no folder is writable.
 
     Python itself without numba.
@@ -466,7 +487,7 @@ def compiled(
     if inner:
         options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
-    def decorate(function: Callable) -> Callable:
+    def decorate(function: F) -> F:
         if dear is not None:
             _report_compilation(function, dear)
         for cache in (nullcontext, _private_cache):
@@ -484,7 +505,7 @@ _STAMPS: dict[Callable, frozenset[tuple[str, int, int]]] = {}
 """For each compiled function the files, with time and size, of it and of what it calls."""
 
 
-def _stamped(dispatcher: Any) -> Any:
+def _stamped(dispatcher: Dispatcher) -> Dispatcher:
     """Compile anew also where a compiled function that this one calls has changed.
 
     numba looks at the file of the function alone, and its cache keeps the code of what it calls.
@@ -494,7 +515,7 @@ def _stamped(dispatcher: Any) -> Any:
     for code in codes:  # grows: functions within functions
         codes += [part for part in code.co_consts if isinstance(part, CodeType)]
     named = {name for code in codes for name in code.co_names}
-    called: list[Any] = [function.__globals__.get(name) for name in named]
+    called = [function.__globals__.get(name) for name in named]
     status = Path(function.__code__.co_filename).stat()
     own = (function.__code__.co_filename, status.st_mtime_ns, status.st_size)
     compiled_ones = [other.py_func for other in called if hasattr(other, "py_func")]
@@ -515,7 +536,7 @@ def require_numba() -> None:
 
 
 @lru_cache(maxsize=1)
-def _njit() -> Callable | None:
+def _njit() -> Callable[..., Callable[[F], F]] | None:
     """numba's compiler; None without numba, of which a warning tells once."""
     try:
         from numba import njit
@@ -562,12 +583,12 @@ _DEAR: dict[Callable, str] = {}
 """Descriptions of functions that take long to compile."""
 
 
-def _report_compilation(function: Callable, what: str) -> None:
+def _report_compilation(function: Callable[..., object], what: str) -> None:
     """Log once, at the start of the compilation of a function, that this takes long."""
     from numba.core import event
 
     class Report(event.Listener):
-        def on_start(self, event: Any) -> None:
+        def on_start(self, event: Event) -> None:
             dispatcher = event.data.get("dispatcher")
             done = None if dispatcher is None else _DEAR.pop(dispatcher.py_func, None)
             if done is not None:
@@ -581,7 +602,7 @@ def _report_compilation(function: Callable, what: str) -> None:
                     done,
                 )
 
-        def on_end(self, event: object) -> None:
+        def on_end(self, event: Event) -> None:
             pass
 
     if not _DEAR:

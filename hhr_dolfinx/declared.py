@@ -164,7 +164,9 @@ def _fits(value: object, node: ast.expr, kinds: Mapping[str, type]) -> bool:
     return name not in kinds or name in [base.__name__ for base in type(value).__mro__]
 
 
-def _tuple_fits(value: tuple, items: list[ast.expr], kinds: Mapping[str, type]) -> bool:
+def _tuple_fits(
+    value: tuple[object, ...], items: list[ast.expr], kinds: Mapping[str, type]
+) -> bool:
     if len(items) == 2 and isinstance(items[1], ast.Constant) and items[1].value is Ellipsis:
         return all(fits(element, items[0], kinds) for element in value)
     return len(items) == len(value) and all(
@@ -225,7 +227,7 @@ class Sizes:
         self.shared: dict[str, int] = dict(known)
         self.own: dict[str, int] = dict(known)
         self._whole = whole
-        self._waiting: list[tuple[Sizes, str, str, Any]] = []
+        self._waiting: list[tuple[Sizes, str, str, int | tuple[int, int]]] = []
 
     def of_part(self) -> Sizes:
         """Sizes of a part: in a model, ``whole``, shared sizes are the same.

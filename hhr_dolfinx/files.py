@@ -22,10 +22,10 @@ import re
 import secrets
 import stat
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, Any, TypeAlias, cast
 
 import numpy as np
 
@@ -107,6 +107,9 @@ def clear_leftovers(folder: str | Path) -> None:
                 if _lock(file, wait=False):
                     path.unlink(missing_ok=True)
 
+
+Json: TypeAlias = "Mapping[str, Json] | Sequence[Json] | str | float | None"
+"""Data of JSON: objects, lists, strings, numbers, truth values and null."""
 
 LONGEST_HEADER = 9_999_999
 """Largest number of characters of a header."""
@@ -256,7 +259,7 @@ def _opened(temporary: Path, text: bool) -> IO[Any]:
         file.close()  # another process removed it as a leftover before it was locked
 
 
-def _lock(file: IO[Any], wait: bool) -> bool:
+def _lock(file: IO[str] | IO[bytes], wait: bool) -> bool:
     """Lock a file until it is closed; False if that is impossible."""
     try:
         import fcntl

@@ -20,7 +20,8 @@ from hhr_dolfinx.errors import ParameterError, SceneError
 from hhr_dolfinx.parameters import ParameterSpace, is_number
 from hhr_dolfinx.plain import Rebuilt
 
-Values = Mapping[str, Any]
+Number = float | complex | np.ndarray
+Values = Mapping[str, Number]
 """Numbers or arrays by name; complex ones have a derivative in the imaginary part."""
 _Evaluate = Callable[[Values], Any]
 
@@ -45,7 +46,7 @@ def _chosen(choose: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
     return lambda x, y: np.where(choose(np.real(x), np.real(y)), x, y)
 
 
-FUNCTIONS: Mapping[str, tuple[int, Callable[..., Any]]] = {
+FUNCTIONS: Mapping[str, tuple[int, Callable[..., np.ndarray]]] = {
     **{
         name: (1, getattr(np, name)) for name in ("sqrt", "exp", "log", "sin", "cos", "tan", "tanh")
     },
@@ -61,7 +62,7 @@ implementation.
 """
 
 
-def _power(a: Any, b: Any) -> Any:
+def _power(a: Any, b: Any) -> Number:
     """Power a ** b; NaN for the root of a negative number, of which Python returns a complex one.
 
     Python computes large powers of complex numbers by their angle, which loses the derivative at a
@@ -81,7 +82,7 @@ def _power(a: Any, b: Any) -> Any:
     )
 
 
-_OPERATORS: Mapping[type, Callable[[Any, Any], Any]] = {
+_OPERATORS: Mapping[type, Callable[[Number, Number], Number]] = {
     ast.Add: lambda a, b: a + b,
     ast.Sub: lambda a, b: a - b,
     ast.Mult: lambda a, b: a * b,
@@ -176,7 +177,7 @@ class Formula(Rebuilt):
         return Formula(f"({self.text}) * ({other.text})")
 
 
-def formula_of(value: Any, what: str) -> Formula:
+def formula_of(value: float | str | Formula, what: str) -> Formula:
     """A number or a text as a formula.
 
     Args:
@@ -429,7 +430,7 @@ def _table(inner: list[_Evaluate], what: str) -> _Evaluate:
     variable = inner[0]
     slopes = np.diff(values) / np.diff(at)
 
-    def evaluate(arguments: Values) -> Any:
+    def evaluate(arguments: Values) -> np.ndarray:
         """Interpolated values of the table.
 
         Raises:

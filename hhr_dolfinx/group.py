@@ -64,8 +64,8 @@ class ProcessGroup:
     size: int = 1  #: number of processes
     number: int = 0  #: number of this process, from 0
 
-    def __init__(self, comm: Any = None):
-        self.comm = comm  # the communicator
+    def __init__(self, comm: Comm | None = None):
+        self.comm: Comm = comm  # the communicator
 
     def gathered(self, value: T) -> list[T]:
         """Value of each process, on all of them."""

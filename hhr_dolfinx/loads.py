@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from scipy.sparse import csc_matrix, hstack, issparse
@@ -31,6 +31,7 @@ from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag, is_
 
 if TYPE_CHECKING:
     import ufl
+    from ufl.core.expr import Expr
 
     from hhr_dolfinx.formulas import Formula
     from hhr_dolfinx.pairings.surface import Surface
@@ -78,7 +79,7 @@ class Assembler:
     ]  #: numbers of the nodes of all cells, (cells, k), in the order of DOLFINx
     #: nodal forces of an eigenstrain, a UFL tensor 3x3, of the body with a tag: pairs of a modulus,
     #: which is a formula of the parameters, and the forces for the modulus 1, (N,)
-    eigenstress: Callable[[Tag, Any], Sequence[tuple[Formula, np.ndarray]]]
+    eigenstress: Callable[[Tag, Expr], Sequence[tuple[Formula, np.ndarray]]]
 
 
 class Load(Protocol):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from hhr_dolfinx.plain import rebuilt
@@ -42,7 +42,7 @@ class Memory(Mapping[str, Any]):
         ]
         return {name: number for count in counts for name, number in count.items()}
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[Callable[..., Memory], tuple[type[Memory], Mapping[str, object]]]:
         return rebuilt, (Memory, self._parts)
 
     def __repr__(self) -> str:

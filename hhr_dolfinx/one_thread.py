@@ -7,9 +7,14 @@ from __future__ import annotations
 import sys
 from contextlib import ContextDecorator
 from threading import Lock
-from typing import Any
+from typing import TYPE_CHECKING
 
 from threadpoolctl import ThreadpoolController
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from threadpoolctl import _ThreadpoolLimiter
 
 
 class _OneThread(ContextDecorator):
@@ -20,9 +25,9 @@ class _OneThread(ContextDecorator):
     def __init__(self) -> None:
         self._lock = Lock()
         self._blocks = 0
-        self._limit: Any = None
+        self._limit: _ThreadpoolLimiter | None = None
         self._modules = 0
-        self._controller: Any = None
+        self._controller: ThreadpoolController | None = None
 
     def __enter__(self) -> None:
         with self._lock:
@@ -30,7 +35,7 @@ class _OneThread(ContextDecorator):
                 self._limit = self._libraries().limit(limits=1)
             self._blocks += 1
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
         with self._lock:
             self._blocks -= 1
             if not self._blocks and self._limit is not None:

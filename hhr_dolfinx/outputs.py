@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.loads import Assembler
+    from hhr_dolfinx.models.histories.equilibrium import LawsAtPlaces
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class ModelProbe:
         [Tag], np.ndarray
     ]  #: numbers of the nodes of a body, by its cell tag; refuses unknown tags
     discretisation: Any  #: mesh and forms, for outputs that read cells
-    laws: Any  #: bodies with laws, or their equilibrium; None for elastic bodies
+    laws: LawsAtPlaces | None  #: bodies with laws, or their equilibrium; None for elastic bodies
 
     @property
     def dimension(self) -> int:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral, Real
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, Protocol, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -20,14 +20,16 @@ PointLike = float | Sequence[float] | Mapping[str, float] | np.ndarray
 PointsLike = (
     Sequence[float]
     | Sequence[Sequence[float]]
-    | Mapping[str, Any]
-    | Sequence[Mapping[str, Any]]
+    | Mapping[str, float | Sequence[float] | np.ndarray]
+    | Sequence[Mapping[str, float]]
     | np.ndarray
 )
 """Several points of the box: one row each, (S, P), with one parameter also (S,).
 
 Or columns or rows with names.
 """
+
+T = TypeVar("T")
 
 PLAIN = frozenset({float, int, np.float64})
 """Types of numbers that need no conversion."""
@@ -37,7 +39,7 @@ two of them.
 """
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeGuard[float]:
     """True for a finite real number; text and booleans are none."""
     if not isinstance(value, Real) or isinstance(value, bool | np.bool_):
         return False
@@ -47,7 +49,7 @@ def is_number(value: object) -> bool:
         return False
 
 
-def is_whole(value: object, least: int) -> bool:
+def is_whole(value: object, least: int) -> TypeGuard[int]:
     """True for an integer of at least ``least``; 2.0 and True are none.
 
     Args:
@@ -57,7 +59,7 @@ def is_whole(value: object, least: int) -> bool:
     return isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= least
 
 
-def as_tuple(name: str, value: object) -> tuple:
+def as_tuple(name: str, value: Sequence[T] | np.ndarray) -> tuple[T, ...]:
     """Convert a list or an array to a tuple.
 
     Args:
@@ -86,7 +88,7 @@ class Place(Protocol):
         """Numbers of the chosen ones of all nodes of the mesh, (n, dim)."""
 
 
-def check_place(what: str, place: object) -> None:
+def check_place(what: str, place: Tag | Place) -> None:
     """Check a place of a mesh.
 
     Args:
@@ -100,7 +102,7 @@ def check_place(what: str, place: object) -> None:
         check_tag(what, place)
 
 
-def check_tag(what: str, tag: object) -> None:
+def check_tag(what: str, tag: Tag | Place) -> None:
     """Check a tag of a mesh.
 
     Args:
@@ -116,7 +118,7 @@ def check_tag(what: str, tag: object) -> None:
         )
 
 
-def named_values(table: Any) -> dict[Any, Any] | None:
+def named_values(table: Any) -> dict[str, Any] | None:
     """Values by name of an object that has names: a value for each name, or a column, (S,).
 
     Mappings, data sets, frames, series and structured arrays have names, and so have named tuples
@@ -177,7 +179,7 @@ def described(names: Sequence[str], point: np.ndarray) -> str:
     return ", ".join(f"{name} = {value:g}" for name, value in zip(names, point, strict=True))
 
 
-def check_pair_index(what: str, index: object) -> None:
+def check_pair_index(what: str, index: int) -> None:
     """Check an index of a contact pair.
 
     Args:
@@ -191,7 +193,7 @@ def check_pair_index(what: str, index: object) -> None:
         raise SceneError(f"{what} must be the place of a pair in Scene.contacts, 0 for the first")
 
 
-def check_count_and_seed(what: str, count: object, seed: object) -> None:
+def check_count_and_seed(what: str, count: int, seed: int) -> None:
     """Check a number of points and a seed.
 
     Args:
@@ -302,7 +304,7 @@ class ParameterSpace(KnownArguments):
         columns = []
         for axis in range(point.size) if axes is None else axes:
             step = part * (self.upper[axis] - self.lower[axis])
-            total: Any = 0.0
+            total: float | np.ndarray = 0.0
             for steps, weight in self._weights(point[axis], step, axis):
                 nearby = point.copy()
                 nearby[axis] += steps * step
@@ -509,7 +511,7 @@ def check_counts(**given: tuple[object, int]) -> None:
         StudyError: for a value that is no integer from its least value to 2^32.
     """
     for name, (value, least) in given.items():
-        if not is_whole(value, least) or int(value) >= 2**32:  # type: ignore[call-overload]
+        if not is_whole(value, least) or int(value) >= 2**32:
             raise StudyError(
                 f"{name} = {value!r} must be an integer of at least {least}, below 2^32"
             )

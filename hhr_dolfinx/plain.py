@@ -18,16 +18,16 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self, TypeGuard, TypeVar
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.declared import TYPES, Sizes, annotations_of, declared_array, fits, shown
 from hhr_dolfinx.errors import FileContentError, MissingPackageError, ModelFileError
-from hhr_dolfinx.files import NUMBER_KINDS
+from hhr_dolfinx.files import NUMBER_KINDS, Json
 from hhr_dolfinx.registry import remedy
 
 if TYPE_CHECKING:
@@ -54,6 +54,7 @@ _REMEDY = (
     "sparse matrices, or numpy arrays of float64, int64, int32 or bool"
 )
 _SHOWN = 60
+T = TypeVar("T")
 
 
 _NO_KINDS: Mapping[str, type] = MappingProxyType({})
@@ -67,7 +68,7 @@ OF_THE_MESH = MappingProxyType({"kept": False, "copied": False})
 class Rebuilt:
     """A dataclass that is copied and pickled by its fields, without caches, factors and locks."""
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[Callable[..., Self], tuple[type[Self], dict[str, object]]]:
         declared_fields = dataclasses.fields(self)  # type: ignore[arg-type]
         fields = [
             declared_field
@@ -80,7 +81,7 @@ class Rebuilt:
         )
 
 
-def rebuilt(kind: Any, arguments: Mapping[str, Any]) -> Any:
+def rebuilt(kind: Callable[..., T], arguments: Mapping[str, object]) -> T:
     """Make a value from its arguments.
 
     Args:
@@ -126,7 +127,7 @@ def as_plain(
 
 
 def restored(
-    tree: object,
+    tree: Json,
     arrays: Mapping[str, np.ndarray],
     kinds: Mapping[str, type],
     of_the_mesh: Mapping[str, object] = _NO_FIELDS,
@@ -223,7 +224,7 @@ class _Writer:
                 name: self._array(f"{path}.{name}", getattr(value, name)) for name in _PARTS
             }
             return {"sparse": value.format, "shape": list(value.shape), **matrix_arrays}
-        kind: Any = type(value)
+        kind: type = type(value)
         if value is None or not _is_kind(kind):
             return _scalar(path, value)
         if kind.__name__ in self._known:
@@ -239,7 +240,7 @@ class _Writer:
 
     def _array(
         self, path: str, array: np.ndarray, declared: DeclaredArray | None = None
-    ) -> dict[str, Any]:
+    ) -> dict[str, Json]:
         """Reference to an array: its path, or that of the first equal one."""
         array = _of_type(path, _checked_array(path, array), declared)
         if not (array.flags.c_contiguous or array.flags.f_contiguous):
@@ -287,7 +288,7 @@ class _Reader:
         self._zeros_left = FREE_ZEROS + ZEROS_PER_ENTRY * sum(map(np.size, arrays.values()))
         self._used: set[str] = set()
 
-    def whole(self, tree: object) -> Any:
+    def whole(self, tree: Json) -> Any:
         """Value of a tree, which must refer to all arrays.
 
         Raises:
@@ -301,7 +302,7 @@ class _Reader:
             raise FileContentError(f"arrays {unknown[:5]} are unknown")
         return value
 
-    def value(self, data: object, path: str, sizes: Sizes, depth: int) -> Any:
+    def value(self, data: Json, path: str, sizes: Sizes, depth: int) -> Any:
         """Value of a part of the tree.
 
         Args:
@@ -333,7 +334,9 @@ class _Reader:
             f"{path or 'the value'} is {_shown(data)}, which must have a kind and fields"
         )
 
-    def _object(self, name: Any, given: Mapping, path: str, sizes: Sizes, depth: int) -> Any:
+    def _object(
+        self, name: Json, given: Mapping[str, Json], path: str, sizes: Sizes, depth: int
+    ) -> Any:
         kind = self._kind(name)
         has_sizes = getattr(kind, "has_own_sizes", False)
         sizes_of_object = Sizes(whole=True) if has_sizes else sizes.of_part()
@@ -373,7 +376,7 @@ class _Reader:
             raise FileContentError(f"{path or name}: {faults[0]}")
         return value
 
-    def _kind(self, name: object) -> Any:
+    def _kind(self, name: Json) -> type:
         if not (isinstance(name, str) and name.isidentifier()):
             raise FileContentError(f"the kind {_shown(name)} is no name of a class")
         if name not in self.kinds:
@@ -386,7 +389,7 @@ class _Reader:
             )
         return self.kinds[name]
 
-    def _field(self, value: Any, name: str, path: str, node: ast.expr, sizes: Sizes) -> Any:
+    def _field(self, value: Any, name: Json, path: str, node: ast.expr, sizes: Sizes) -> Any:
         if not fits(value, node, self.kinds):
             formula = isinstance(value, str) and shown(node) == "float"
             remedy = ": declare it float | str, if it may be a formula" if formula else ""
@@ -401,13 +404,13 @@ class _Reader:
         sizes.claim(path, declared, value)
         return value
 
-    def _array(self, key: object) -> np.ndarray:
+    def _array(self, key: Json) -> np.ndarray:
         if not isinstance(key, str) or key not in self.arrays:
             raise FileContentError(f"the array {_shown(key)} is missing")
         self._used.add(key)
         return _checked_array(key, self.arrays[key])
 
-    def _with_zeros(self, key: Any, shape: Any, order: Any) -> np.ndarray:
+    def _with_zeros(self, key: Any, shape: Json, order: Json) -> np.ndarray:
         """Array that a file stores without zeros; every reference gives the same object."""
         indices = self._array(f"{key}.places")
         values = self._array(f"{key}.values")
@@ -438,7 +441,7 @@ class _Reader:
             raise FileContentError(f"{key} has two shapes")
         return self._made[key]
 
-    def _sparse(self, data: Mapping, path: str, depth: int) -> Any:
+    def _sparse(self, data: Mapping[str, Json], path: str, depth: int) -> csc_matrix | csr_matrix:
         arrays = [self.value(data[name], f"{path}.{name}", Sizes(), depth + 1) for name in _PARTS]
         shape = data["shape"]
         form = data["sparse"]
@@ -486,7 +489,7 @@ def _checked_array(path: str, array: np.ndarray) -> np.ndarray:
     return array
 
 
-def _is_shape(shape: object) -> bool:
+def _is_shape(shape: Json) -> TypeGuard[Sequence[int]]:
     return (
         isinstance(shape, list | tuple)
         and len(shape) <= MOST_DIMENSIONS

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Never
 
 from hhr_dolfinx.errors import NotOfferedError, PluginWarning, SceneError
 from hhr_dolfinx.warn import warn
@@ -42,7 +42,7 @@ SHARED_NAMES = (
     "switches",
 )
 """Mappings of manifests in which a name has one meaning for all plug-ins."""
-NOTHING: Mapping[str, Any] = MappingProxyType({})
+NOTHING: Mapping[str, Never] = MappingProxyType({})
 
 
 class Way(NamedTuple):

@@ -37,9 +37,11 @@ from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from mpi4py.MPI import Comm
     from ufl import Mesh
     from ufl.core.expr import Expr
 
+    from hhr_dolfinx.compat import TaggedMesh
     from hhr_dolfinx.contact.law import PairLaw
     from hhr_dolfinx.formulas import Formula
     from hhr_dolfinx.outputs import Output
@@ -172,7 +174,7 @@ class Scene(KnownArguments):
     """
 
     name: str
-    geometry: Callable[[Any], tuple]
+    geometry: Callable[[Comm], TaggedMesh]
     hypothesis: str
     bodies: tuple[Body, ...]
     contacts: tuple[Pairing, ...]
@@ -464,7 +466,7 @@ class Scene(KnownArguments):
     @property
     def named(self) -> set[str]:
         """Parameters that bodies and laws of contacts name, in addition to those of loads."""
-        dependents: list[Any] = list(self.shapes)
+        dependents = list(self.shapes)
         texts = [
             text
             for body in self.bodies
@@ -527,7 +529,7 @@ class Scene(KnownArguments):
                 )
 
     def _check_names(self) -> None:
-        driven: tuple[Any, ...] = (
+        driven = (
             *self.displacements,
             *self.constraints,
             *self.openings,
@@ -553,7 +555,7 @@ def _named_in_short(item: object) -> str:
     return type(item).__name__ if tag is None else f"{type(item).__name__} of {tag}"
 
 
-def _has(*names: str) -> Callable[[Any], bool]:
+def _has(*names: str) -> Callable[[object], bool]:
     return lambda item: not isinstance(item, type) and all(hasattr(item, name) for name in names)
 
 

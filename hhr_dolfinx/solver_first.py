@@ -14,6 +14,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import sys
+from collections.abc import Sequence
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
@@ -53,7 +54,7 @@ class SolverFirst:
     NAMES = frozenset({"dolfinx", "mpi4py", "petsc4py", "slepc4py"})
 
     def find_spec(
-        self, fullname: str, path: object = None, target: object = None
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         """None, so that other finders continue, or the module if ``dolfinx_solver`` has loaded
         it.

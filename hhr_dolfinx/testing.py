@@ -51,6 +51,7 @@ OF_ANSWERS = 1e-5
 Bounds = Mapping[str, tuple[float, float]]
 OTHER_IN_A_FILE = "a copy from a file answers otherwise: keep all that it needs in its fields"
 """What a check says of a part that a file changes."""
+T = TypeVar("T")
 Check = TypeVar("Check", bound=Callable[..., None])
 
 
@@ -101,7 +102,7 @@ def __getattr__(name: str) -> Any:
     return registry.load(import_paths[name][0])
 
 
-def from_file(value: object) -> Any:
+def from_file(value: T) -> T:
     """The value as a file would restore it."""
     return restored(*as_plain(value), by_name(classes_in(value)))
 

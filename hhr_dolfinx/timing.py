@@ -77,10 +77,10 @@ def terminal_lines() -> Announce:
     return ShareLines(partial(print, file=sys.stderr, flush=True)) if watched else unannounced
 
 
-def lines_of(label: str) -> Callable[[Iterable], Iterator]:
+def lines_of(label: str) -> Callable[[Iterable[Result]], Iterator[Result]]:
     """Wrapper of iterations that announces their share on a terminal, under a label."""
 
-    def announced(items: Iterable) -> Iterator:
+    def announced(items: Iterable[Result]) -> Iterator[Result]:
         announce = terminal_lines()
         count = len(items) if isinstance(items, Sized) else 0
         for number, item in enumerate(items):

@@ -26,7 +26,7 @@ was found harmless.
 """
 
 
-def check_outside(outside: object) -> None:
+def check_outside(outside: str) -> None:
     """Check the policy ``outside`` before it is needed.
 
     Raises:

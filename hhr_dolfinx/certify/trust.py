@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from numbers import Real
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags, triu
@@ -89,7 +89,7 @@ class TrustLimits:
     def __post_init__(self) -> None:
         """Raise ReductionError for invalid limits, and for warnings above the limit of refusal."""
         for attribute in fields(self):
-            value: Any = getattr(self, attribute.name)
+            value: float = getattr(self, attribute.name)
             signed = attribute.name == "warn_definite"
             least = -math.inf if signed else 0.0
             if not isinstance(value, Real) or isinstance(value, bool) or not float(value) >= least:

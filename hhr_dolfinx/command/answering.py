@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.models.histories.equilibrium import StepOptions
     from hhr_dolfinx.models.model import AnsweringModel
     from hhr_dolfinx.scene import Scene
 
@@ -80,14 +81,14 @@ def _with_unit(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def _full_of(scene: str) -> Any:
+def _full_of(scene: str) -> FullOrderModel:
     from hhr_dolfinx.command.loading import scene_of
     from hhr_dolfinx.full_order.full import FullOrderModel
 
     return FullOrderModel(scene_of(scene))
 
 
-def _checked_answer(full: FullOrderModel, point: dict[str, float], step: dict[str, Any]) -> Answer:
+def _checked_answer(full: FullOrderModel, point: dict[str, float], step: StepOptions) -> Answer:
     """Answer of a full model, whose strains are checked once it is there."""
     from hhr_dolfinx.snapshots.records import SnapshotSet
 
@@ -167,7 +168,7 @@ def solve(
     scene, problem = (None, None) if in_file else (model.scene, model.problem)
     middle = not (words or in_file)
     point = point_of(words, model.parameters, others=model.parameters.middle if middle else None)
-    step = {}
+    step: StepOptions = {}
     if model.equilibrium is not None:
         step = {"duration": 1.0 if duration is None else duration}
     elif duration is not None:

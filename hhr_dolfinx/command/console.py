@@ -5,6 +5,7 @@ file.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sized
+from typing import TypeVar
 
 from hhr_dolfinx.compat import extra
 
@@ -15,6 +16,7 @@ with extra("study", "the console"):
 
 __all__ = ["Column", "Console", "Table", "make_console", "progress_on"]
 
+T = TypeVar("T")
 _NO_LIMIT = 10_000
 _ANY_HEIGHT = 25
 """Columns and lines of a console without a window. rich assumes 80 columns unless both are
@@ -45,11 +47,11 @@ def progress_on(console: Console) -> Callable[[str], Callable[[Iterable], Iterat
     return lambda label: lambda items: shown(label, items, console)
 
 
-def _bar(label: str, items: Iterable, console: Console) -> Iterator:
+def _bar(label: str, items: Iterable[T], console: Console) -> Iterator[T]:
     yield from track(items, description=f"{label:10}", console=console, transient=True)
 
 
-def _line(label: str, items: Iterable, console: Console) -> Iterator:
+def _line(label: str, items: Iterable[T], console: Console) -> Iterator[T]:
     count = f": {len(items)} to do" if isinstance(items, Sized) else ""
     if count != ": 0 to do":
         console.print(f"{label}{count}", highlight=False)

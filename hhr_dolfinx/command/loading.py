@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from hhr_dolfinx.by_name import find
 from hhr_dolfinx.errors import FileError, ParameterError, SceneError
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from hhr_dolfinx.scene import Scene
+
+T = TypeVar("T")
 
 
 def scene_of(name: str) -> Scene:
@@ -72,7 +74,9 @@ def beside(name: str, attribute: str) -> Any:
         return None
 
 
-def value_of(found: Any, name: str, attribute: str, kind: type) -> Any:
+def value_of(
+    found: T | Callable[[], T] | None, name: str, attribute: str, kind: type[T]
+) -> T | None:
     """``SETTINGS`` or ``VIEW`` as found :func:`beside` a scene, a value or a function that makes
     it, or None.
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypedDict, Unpack
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.command.speaking import Command, first_rank, resumable, spoken
+from hhr_dolfinx.command.speaking import P, T, first_rank, resumable, spoken
 from hhr_dolfinx.command.words import FIELDS, OUT, PART_OPTION, SCENE, examples
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.group import group_of
@@ -17,10 +18,25 @@ if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.models.model import KeptModel
     from hhr_dolfinx.scene import Scene
-    from hhr_dolfinx.study.training.train import Training
+    from hhr_dolfinx.study.training.train import HeldOut, Progress, Training, TrainingLike
 
 with extra("study", "the command hhr"):
     import click
+
+
+class StatedSettings(Protocol):
+    """The ``SETTINGS`` in the file of a scene."""
+
+    training: TrainingLike
+    held_out: HeldOut
+
+
+class TrainOptions(TypedDict):
+    """Further arguments of a training, see :func:`~hhr_dolfinx.study.training.train.train`."""
+
+    held_out: HeldOut
+    progress: Progress
+
 
 MODEL_KINDS = {
     "hhr": "build",
@@ -36,7 +52,7 @@ TRAINING_OPTIONS = (
 """Options of all commands that train a model."""
 
 
-def with_training(command: Command) -> Command:
+def with_training(command: Callable[P, T]) -> Callable[P, T]:
     """Add the options of a training to a command."""
     for option in reversed(TRAINING_OPTIONS):
         command = option(command)
@@ -102,7 +118,7 @@ def train(
     else:
         settings = settings_of(scene)
         sampling = training_of(how, settings)
-        options: dict[str, Any] = {
+        options: TrainOptions = {
             "held_out": None if settings is None else settings.held_out,
             "progress": progress,
         }
@@ -151,7 +167,12 @@ def _say_what_is_reused(console: Console, training: Training) -> None:
 
 
 def _solve_part(
-    console: Console, scene: Scene, training: Any, part: tuple[int, int], folder: Path, **how: Any
+    console: Console,
+    scene: Scene,
+    training: TrainingLike,
+    part: tuple[int, int],
+    folder: Path,
+    **how: Unpack[TrainOptions],
 ) -> None:
     from hhr_dolfinx.study.training.train import train_part
 
@@ -183,7 +204,7 @@ def settings_of(scene: str) -> Any:
     return value_of(stated, scene, "SETTINGS", kind)
 
 
-def training_of(how: dict[str, Any], settings: Any) -> Any:
+def training_of(how: dict[str, Any], settings: StatedSettings | None) -> TrainingLike:
     """Training by the options, else by the scene's file, else by 64 Sobol points.
 
     Args:

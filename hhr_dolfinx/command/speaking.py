@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import nullcontext, redirect_stdout
 from functools import wraps
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, ParamSpec, TextIO, TypeVar
 
 from hhr_dolfinx.compat import explained, extra
 from hhr_dolfinx.errors import HHRError
@@ -27,10 +27,11 @@ EXIT_OF_ERRORS = 3
 INTERRUPTED = 130
 """Exit code after Ctrl+C: 128 and the number of the signal, as shells have it."""
 _GOES_ON = ": answers that were done are kept, and the same command goes on from there"
-Command = Callable[..., Any]
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
-def guarded(command: Command, kept: str = "") -> Command:
+def guarded(command: Callable[P, T], kept: str = "") -> Callable[P, T]:
     """A command whose errors are sentences and exit codes.
 
     A fault of this package, which has no such sentence, keeps its traceback.
@@ -41,7 +42,7 @@ def guarded(command: Command, kept: str = "") -> Command:
     """
 
     @wraps(command)
-    def run(*args: Any, **kwargs: Any) -> Any:
+    def run(*args: P.args, **kwargs: P.kwargs) -> T:
         with warnings.catch_warnings():
             # FFCx 0.9 does so when it is loaded, and would replace the handler that is set here
             logging.captureWarnings(True)
@@ -79,7 +80,7 @@ def _last_words(error: BaseException, kept: str) -> tuple[int, str]:
     return 1, ""
 
 
-def resumable(command: Command) -> Command:
+def resumable(command: Callable[P, T]) -> Callable[P, T]:
     """A guarded command that keeps its answers when it is interrupted, and goes on from them."""
     return guarded(command, _GOES_ON)
 
@@ -103,7 +104,9 @@ def _once() -> Callable[..., None]:
     """Handler that prints warnings as sentences, each once, on the first rank."""
     shown = set()
 
-    def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    def show(
+        message: Warning | str, category: type[Warning], *_: str | int, **__: TextIO | str | None
+    ) -> None:
         """Print a message once, without its category."""
         if str(message) not in shown:
             shown.add(str(message))

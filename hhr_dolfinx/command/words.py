@@ -49,7 +49,7 @@ class PartArgument(click.ParamType):
     name = "i/n"
 
     def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+        self, value: str, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[int, int]:
         """Both numbers of a part, see :class:`click.ParamType`.
 

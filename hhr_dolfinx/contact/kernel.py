@@ -27,6 +27,7 @@ class Kernel(Protocol):
 
     described: str  #: the bodies that contact holds, and how they can move
     contact_of_motions: np.ndarray  #: B R, (m, r)
+    loads: np.ndarray  #: along them, (r, 1 + T), the same for every stiffness
     pins: np.ndarray  #: dofs that fix them all, (r + l,)
     motions: np.ndarray  #: orthonormal motions that contact resists, (N, r)
     idle: np.ndarray  #: the same without loads and resistance, (N, l), which answers do not have
@@ -175,5 +176,5 @@ def kernels() -> Kernels:
     Raises:
         NotOfferedError: if no installed plug-in has it.
     """
-    tool: Any = registry.tool("kernel", "a body that contact alone holds")
+    tool: Kernels = registry.tool("kernel", "a body that contact alone holds")
     return tool

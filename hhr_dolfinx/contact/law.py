@@ -259,7 +259,7 @@ class ContactLaw:
         """Sizes that the layout names."""
         return {}
 
-    def stored(self, memory: Memory) -> dict[str, Any]:
+    def stored(self, memory: Memory) -> dict[str, np.ndarray]:
         """Arrays of a memory, by the names of the layout."""
         return {}
 

@@ -18,7 +18,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, identity, kron, vstack
@@ -26,7 +26,7 @@ from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
-from hhr_dolfinx.contact.prolongation import OnRows, Prolongation
+from hhr_dolfinx.contact.prolongation import OnRows, Product, Prolongation
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.group import ALONE, ProcessGroup, group_of
 from hhr_dolfinx.linear.rows import Rows, rows_of
@@ -496,7 +496,7 @@ class ContactProblem:
         return self.own_stiffness
 
     @cached_property
-    def stiffness_of_rows(self) -> Any:
+    def stiffness_of_rows(self) -> Product:
         """K for products with tables of which each rank has local rows, (own, k)."""
         return self.spread.matrix(self.own_stiffness)
 

@@ -34,6 +34,9 @@ class Product(Protocol):
     def __matmul__(self, table: np.ndarray, /) -> np.ndarray:
         """Local rows of the product, (own, k), with a table of local rows, (own, k). Collective."""
 
+    def __abs__(self) -> Product:
+        """Sizes of the entries."""
+
 
 class OnRows(NamedTuple):
     """T and T^T for tables of which each process has local rows, (own, k), and T^T for sparse

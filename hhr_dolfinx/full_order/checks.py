@@ -35,7 +35,9 @@ aspect 1e4.
 """
 
 
-def build_geometry(scene: Scene, group: ProcessGroup) -> tuple:
+def build_geometry(
+    scene: Scene, group: ProcessGroup
+) -> tuple[dmesh.Mesh, dmesh.MeshTags, dmesh.MeshTags, TagNames, Mapping[Tag, np.ndarray]]:
     """Mesh, cell tags, facet tags, their names and sets of nodes.
 
     Args:
@@ -47,7 +49,7 @@ def build_geometry(scene: Scene, group: ProcessGroup) -> tuple:
     """
     result: Any = scene.geometry(group.comm)
     groups = getattr(result, "physical_groups", None)
-    sets: Mapping[str, np.ndarray] = getattr(result, "nodes", {})
+    sets: Mapping[Tag, np.ndarray] = getattr(result, "nodes", {})
     if hasattr(result, "cell_tags") and hasattr(result, "facet_tags"):
         result = (result.mesh, result.cell_tags, result.facet_tags)
     if not isinstance(result, tuple | list) or len(result) != 3:

@@ -21,7 +21,7 @@ Conditions = tuple[ContactRows, np.ndarray, np.ndarray]
 """Contact conditions, the pair of each, (m,), and values of each, (m, k)."""
 
 
-def all_of_them(prolongation: Prolongation, *conditions: object) -> tuple:
+def all_of_them(prolongation: Prolongation, *conditions: *Conditions) -> Conditions:
     """All conditions: none is the same as another one for V."""
     return conditions
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.geometries.summary import Summary
 from hhr_dolfinx.parameters import Tag
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.compat import Groups
 
 Sets = Mapping[Tag, tuple[int, ...]]
 
@@ -29,7 +32,12 @@ class TagNames:
     )  #: contents of the file of the mesh; empty without a file
 
     @classmethod
-    def of(cls, groups: Any, dim: int, summary: Summary | None = None) -> TagNames:
+    def of(
+        cls,
+        groups: Groups | Mapping[Tag, tuple[int, int | tuple[int, ...]]] | None,
+        dim: int,
+        summary: Summary | None = None,
+    ) -> TagNames:
         """Names of the physical groups of a mesh.
 
         Args:
@@ -106,6 +114,6 @@ class TagNames:
         )
 
 
-def _numbers(given: Any) -> tuple[int, ...]:
+def _numbers(given: int | Iterable[int]) -> tuple[int, ...]:
     """One number or several."""
     return tuple(int(number) for number in given) if hasattr(given, "__iter__") else (int(given),)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
 
@@ -188,7 +188,7 @@ class _OfParts(System):
     The last K is kept, as often only loads change.
     """
 
-    _last: tuple[np.ndarray, Any] | None = None
+    _last: tuple[np.ndarray, Stiffness] | None = None
 
     def parts(self) -> Parts:
         return self.problem.moduli, self.problem.stiffness_terms
@@ -259,7 +259,7 @@ class ScaledSystem(_OfParts):
 
     anew = False
 
-    def __init__(self, bodies: ScaledBodies, *given: Any):
+    def __init__(self, bodies: ScaledBodies, *given: *tuple[ContactProblem, Middle, Made]):
         super().__init__(*given)
         self.bodies: ScaledBodies = bodies
 
@@ -341,7 +341,7 @@ class StatedSystem(Protocol):
         """
 
 
-def system_of(problem: ContactProblem, *makers: Any) -> System:
+def system_of(problem: ContactProblem, *makers: *tuple[Middle, Made]) -> System:
     """The system of a problem, by ``middle`` and ``made``: which data of it depend on
     parameters.
     """

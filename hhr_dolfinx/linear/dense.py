@@ -18,6 +18,7 @@ from scipy.linalg.lapack import dgetrf, dgetrs, dpotrf, dpotrs
 from hhr_dolfinx.errors import HHRError, NotSolvableError, SingularError
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
     from petsc4py import PETSc
 
 
@@ -247,7 +248,7 @@ class GrowingColumns:
         self._count += 1
 
 
-def lay_out(owner: object) -> None:
+def lay_out(owner: DataclassInstance) -> None:
     """Copy arrays of a dataclass that are in neither C nor Fortran order to C order.
 
     For ``__post_init__``.

@@ -64,7 +64,7 @@ class Rows:
         """Small value of the first process, on all: others may have other last digits."""
         return value
 
-    def alike(self, value: object) -> bool:
+    def alike(self, value: int | bytes) -> bool:
         """True if a small value is the same on all processes."""
         return True
 

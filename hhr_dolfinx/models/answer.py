@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from os import PathLike
@@ -155,7 +155,9 @@ class ModelFields:
 
     bound: Any = None  #: bounds the error of an answer
     output_bound: Any = None  #: estimates the errors of outputs
-    indicator: Any = None  #: estimates the error of an answer; the recipe chooses it
+    indicator: Callable[[Answer], float] | None = (
+        None  #: estimates the error of an answer; the recipe chooses it
+    )
     flow: Completion | None = None  #: completes the fields of bodies with laws
     #: completes forces and memory of a law of interfaces in hyper-reduced models
     interface: InterfaceCompletion | None = None
@@ -654,7 +656,23 @@ class ListedAnswers(SeveralAnswers):
         return np.array([answer.iterations for answer in self.answers])
 
 
-class Model(Protocol):
+class HasLaw(Protocol):
+    """A model, or the equilibrium of its bodies, of contact conditions with a law."""
+
+    @property
+    def parameters(self) -> ParameterSpace:
+        """Box of the parameters."""
+
+    @property
+    def law(self) -> ContactLaw:
+        """Law of its contact conditions."""
+
+    @property
+    def conditions(self) -> int:
+        """Number of contact conditions."""
+
+
+class Model(HasLaw, Protocol):
     """Interface of all models: full, reduced, condensed, baseline.
 
     Studies, checks and users rely on it.
@@ -708,7 +726,7 @@ class Model(Protocol):
 
 
 def one_by_one(
-    model: Any, table: PointsLike, raise_on_failure: bool, outside: str
+    model: Model, table: PointsLike, raise_on_failure: bool, outside: str
 ) -> ListedAnswers:
     """Answers of a model that has no faster way, point by point.
 

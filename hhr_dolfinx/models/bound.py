@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from hhr_dolfinx.models.estimates import Estimates
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-    from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.models.answer import Answer, ModelFields
     from hhr_dolfinx.models.functionals.functional import Functional, Functionals
     from hhr_dolfinx.models.gradient import Gradient
 
@@ -84,13 +84,20 @@ def driven(matrix: np.ndarray, theta: Thetas) -> np.ndarray:
     return (matrix @ theta)[None] if isinstance(theta, Theta) else np.asarray(theta @ matrix.T)
 
 
-class BoundThere(Protocol):
+Outside = TypeVar("Outside")
+"""Data that complete forces, see :meth:`Bound.prepared`."""
+Reader = TypeVar("Reader", contravariant=True)
+Fields = TypeVar("Fields", bound="ModelFields", contravariant=True)
+There = TypeVar("There", bound="BoundThere", contravariant=True)
+
+
+class BoundThere(Protocol[Reader]):
     """A bound at the parameters of n answers (m conditions, ell modes)."""
 
     def slack(self, forces: np.ndarray) -> np.ndarray:
         """Slack of the fields in equilibrium with forces, (n, m)."""
 
-    def completed(self, own: np.ndarray, outside: Any) -> np.ndarray:
+    def completed(self, own: np.ndarray, outside: Reader) -> np.ndarray:
         """Forces on all conditions, (n, m): those outside close their gaps.
 
         Args:
@@ -99,7 +106,7 @@ class BoundThere(Protocol):
         """
 
     def force_changes(
-        self, forces: np.ndarray, outside: Any, gradient: Gradient, changes: np.ndarray
+        self, forces: np.ndarray, outside: Reader, gradient: Gradient, changes: np.ndarray
     ) -> np.ndarray:
         """Derivatives of the completed forces of one answer at constant statuses, (m, P).
 
@@ -122,7 +129,7 @@ class BoundThere(Protocol):
         """
 
 
-class Bound(Protocol):
+class Bound(Protocol[Outside]):
     """Bound of the errors of a model's answers."""
 
     @property
@@ -144,10 +151,10 @@ class Bound(Protocol):
         In the middle of the box if S varies, (m,).
         """
 
-    def prepared(self, inside: np.ndarray) -> Any:
+    def prepared(self, inside: np.ndarray) -> Outside:
         """Data that complete forces from those of the conditions ``inside``."""
 
-    def at(self, points: np.ndarray, theta: Thetas) -> BoundThere:
+    def at(self, points: np.ndarray, theta: Thetas) -> BoundThere[Outside]:
         """Bound at the parameters of n answers.
 
         Args:
@@ -156,7 +163,7 @@ class Bound(Protocol):
         """
 
 
-class Response(Protocol):
+class Response(Protocol[Fields]):
     """Displacement as a function of loads and contact forces.
 
     A bound that knows the exact forces uses it.
@@ -170,14 +177,14 @@ class Response(Protocol):
     def loading(self) -> np.ndarray:
         """Coefficients of each term in these loads, (k, 1 + T)."""
 
-    def within(self, fields: Any) -> ResponseWithin:
+    def within(self, fields: Fields) -> ResponseWithin:
         """The response in the columns of a model."""
 
 
-class ResponseWithin(Protocol):
+class ResponseWithin(Protocol[There]):
     """Coordinates of forces in the columns of a displacement, (c,)."""
 
-    def coordinates(self, answer: Answer, there: Any, forces: np.ndarray) -> np.ndarray:
+    def coordinates(self, answer: Answer, there: There, forces: np.ndarray) -> np.ndarray:
         """Coordinates of an answer, (c,).
 
         Args:
@@ -188,7 +195,7 @@ class ResponseWithin(Protocol):
 
     def changes(
         self,
-        there: Any,
+        there: There,
         forces: np.ndarray,
         of_forces: Callable[[], np.ndarray],
         of_theta: np.ndarray,
@@ -203,7 +210,7 @@ class ResponseWithin(Protocol):
         """
 
 
-class OutputBound(Protocol):
+class OutputBound(Protocol[Fields]):
     """Errors of outputs, for a bound that knows the exact forces."""
 
     def knows(self, item: Functional) -> bool:
@@ -221,7 +228,7 @@ class OutputBound(Protocol):
         """True if these can be estimates of some outputs."""
 
     def errors(
-        self, fields: Any, answer: Answer, forces: np.ndarray, exact: np.ndarray
+        self, fields: Fields, answer: Answer, forces: np.ndarray, exact: np.ndarray
     ) -> dict[str, float]:
         """Errors of the outputs of an answer, by name.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -17,12 +17,16 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.amplitudes import Amplitudes
+
 
 class LinearDisplacement(ABC):
     """Fields whose displacement is linear in coordinates."""
 
     #: stress of a displacement, (N,), at a parameter, (P,); None without a mesh
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
+    amplitudes: Amplitudes  #: θ as a function of the parameters
     functionals: Any  #: outputs of the scene; None if it has none
 
     @abstractmethod

@@ -189,7 +189,7 @@ class Estimates:
     def __len__(self) -> int:
         return len(self.primal)
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[type[Estimates], tuple[object, ...]]:
         """Copy and pickle with the bounds of all outputs."""
         bounds = [dict(self.outputs_of(k)) for k in range(len(self))]
         return Estimates, (
@@ -341,7 +341,7 @@ def warn_unbounded(fields: Any) -> None:
         )
 
 
-def check_asked(fields: Any, of: object) -> None:
+def check_asked(fields: Any, of: str | None) -> None:
     """Check an error by its name.
 
     Args:
@@ -368,7 +368,7 @@ def check_asked(fields: Any, of: object) -> None:
         )
 
 
-def check_of_forces(of: object) -> None:
+def check_of_forces(of: str | None) -> None:
     """Check that the indicator of forces of a hyper-reduced model covers an error.
 
     Raises:
@@ -381,7 +381,7 @@ def check_of_forces(of: object) -> None:
         )
 
 
-def check_word(outputs: Sequence[str], of: object) -> None:
+def check_word(outputs: Sequence[str], of: str | None) -> None:
     """Check the name of an error.
 
     Args:

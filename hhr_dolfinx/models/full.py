@@ -13,13 +13,18 @@ from abc import abstractmethod
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Unpack, cast
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.models.answer import Answer, ElasticFields, History, Path, SeveralAnswers
-from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, FullEquilibrium, MarchSettings
+from hhr_dolfinx.models.histories.equilibrium import (
+    DEFAULT_MARCH,
+    FullEquilibrium,
+    ManyOptions,
+    MarchSettings,
+)
 from hhr_dolfinx.models.histories.path import check_settings, checked_path
 from hhr_dolfinx.models.model import AnsweringModel
 
@@ -188,7 +193,7 @@ class FullModel(AnsweringModel, ElasticFields):
             )
         return self.stiffness.response
 
-    def solve_many(self, points: PointsLike, **how: Any) -> SeveralAnswers:
+    def solve_many(self, points: PointsLike, **how: Unpack[ManyOptions]) -> SeveralAnswers:
         """Answer many parameters, see :meth:`AnsweringModel.solve_many`; the same on all ranks.
 
         Args:

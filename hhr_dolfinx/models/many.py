@@ -6,7 +6,7 @@ Points of equal statuses share factors, and are solved by products of matrices.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -18,6 +18,9 @@ from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.one_thread import one_thread
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed import CondensedModel
 
 POINTS_AT_ONCE = 1024
 """Points whose unknown is computed at once, so that temporary arrays stay small compared with the
@@ -146,7 +149,7 @@ def _at_places(indices: list[np.ndarray], values: list[np.ndarray]) -> np.ndarra
 # once
 @one_thread
 def answers_by_statuses(
-    model: Any,
+    model: CondensedModel,
     amplitudes: Amplitudes,
     responses: Responses,
     response: np.ndarray,

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self, Unpack
 
 import numpy as np
 
@@ -42,6 +42,8 @@ from hhr_dolfinx.models.histories.equilibrium import (
     Equilibrium,
     Histories,
     MarchSettings,
+    SolveOptions,
+    StepOptions,
 )
 from hhr_dolfinx.models.histories.path import checked_path
 from hhr_dolfinx.models.histories.steps import steps_of
@@ -209,7 +211,7 @@ class AnsweringModel(Shown):
         return self.equilibrium is not None or self.law.remembers
 
     @property
-    def histories(self) -> Histories:
+    def histories(self) -> Histories[AnsweringModel]:
         """Solver of paths: equilibrium of bodies with laws, or the law of contact conditions."""
         return self.equilibrium or steps_of(self.law)
 
@@ -229,7 +231,7 @@ class AnsweringModel(Shown):
         raise_on_failure: bool = True,
         outside: str = USUAL,
         gradient: bool = False,
-        **step: Any,
+        **step: Unpack[StepOptions],
     ) -> Answer:
         """Answer one parameter, see :meth:`~hhr_dolfinx.models.answer.Model.solve`.
 
@@ -422,7 +424,9 @@ class AnsweringModel(Shown):
         checked = checked_path(self.parameters, path)
         return self.follow(checked, settings)
 
-    def outputs(self, mu: PointLike = NOTHING, *, gradient: bool = False, **how: Any) -> Outputs:
+    def outputs(
+        self, mu: PointLike = NOTHING, *, gradient: bool = False, **how: Unpack[SolveOptions]
+    ) -> Outputs:
         """Outputs of the scene at one parameter.
 
         Args:
@@ -473,7 +477,7 @@ class KeptModel(AnsweringModel):
     def _arguments(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in (*self.kept, *self.handed_on)}
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[Callable[..., Self], tuple[type[Self], dict[str, object]]]:
         """Copy and pickle by the arguments; the record of the construction is left out."""
         return rebuilt, (type(self), self._arguments())
 

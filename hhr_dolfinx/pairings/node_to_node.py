@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -24,6 +24,9 @@ from hhr_dolfinx.pairings.surface import (
 )
 from hhr_dolfinx.parameters import Tag
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.law import PairLaw
+
 
 @dataclass(frozen=True)
 class NodeToNode(KnownArguments):
@@ -42,7 +45,7 @@ class NodeToNode(KnownArguments):
     first: Tag
     second: Tag
     normal: tuple[float, ...]
-    friction: Any = field(default=None, metadata=LAW)
+    friction: PairLaw | float | str | None = field(default=None, metadata=LAW)
     law: PairLaw | None = field(default=None, metadata=LAW)
 
     @property

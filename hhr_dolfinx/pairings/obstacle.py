@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from hhr_dolfinx.pairings.surface import (
     warn_of_overlap,
 )
 from hhr_dolfinx.parameters import Tag, is_number
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.law import PairLaw
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ class Obstacle(KnownArguments):
     surface: Tag
     normal: tuple[float, ...]
     offset: float
-    friction: Any = field(default=None, metadata=LAW)
+    friction: PairLaw | float | str | None = field(default=None, metadata=LAW)
     law: PairLaw | None = field(default=None, metadata=LAW)
 
     def __post_init__(self) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -34,6 +34,9 @@ from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import Announce, StageLog, terminal_lines
 from hhr_dolfinx.trained import Trained
 from hhr_dolfinx.warn import repeat
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.reduction.reductor import Reducing
 
 Result = TypeVar("Result")
 
@@ -122,7 +125,7 @@ def usual_recipe(full: FullModel) -> Recipe:
 def build(
     full: FullModel,
     snapshots: SnapshotSet,
-    recipe: Any = None,
+    recipe: Recipe | Reductor | Reducing | None = None,
     held_out: SnapshotSet | None = None,
     announce: Announce | None = None,
 ) -> Any:
@@ -201,7 +204,7 @@ def not_by_rows(
     return ""
 
 
-def check_recipe(recipe: object) -> None:
+def check_recipe(recipe: Recipe) -> None:
     """Check a recipe.
 
     Raises:
@@ -450,7 +453,7 @@ def assemble(draft: Draft) -> None:
 def start_along(draft: Draft) -> None:
     """Statuses start along derivatives, for a model without tabulated answers."""
     model = draft.model
-    inner: Any = model.eliminated
+    inner = model.eliminated
     if inner is not None and not (draft.reduced.motions or inner.tabulated):
         from hhr_dolfinx.reduction.starts import linear_starts
 

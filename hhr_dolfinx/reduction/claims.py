@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -19,6 +19,9 @@ from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.reduction.kinds import EXACT_MODEL, OfPoints
 from hhr_dolfinx.snapshots.records import SnapshotSet
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.stiffness import SparseStiffness
 
 LIGHT = 1e-2
 """Part of the largest answer in a norm below which relative bounds, which use a floor, are not
@@ -180,9 +183,7 @@ def _terms_of(full: FullModel, exact: Answer) -> dict[str, float]:
 
 def _user_defined(full: FullModel, point: np.ndarray) -> csr_matrix:
     """Local rows of K of a system without parts at a point, (own, N)."""
-    stiffness: Any = full.system.stiffness(point)
-    matrix: csr_matrix = stiffness.matrix
-    return matrix
+    return cast("SparseStiffness", full.system.stiffness(point)).matrix
 
 
 def _part(off: float, sizes: Sequence[float | np.ndarray]) -> float:

@@ -6,7 +6,7 @@ The baseline without reduction error while the stiffness is constant.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -21,6 +21,9 @@ from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.kinds import kind_of
 from hhr_dolfinx.reduction.reductor import Reductor, Task
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 SOLVED_STATUSES = 64
 """Points whose statuses are solved in advance on S, without snapshots."""
 
@@ -34,7 +37,9 @@ class ExactCondensation(Reductor[Task]):
     own_range: ClassVar[bool] = True
 
     @classmethod
-    def usual(cls, settings: Any, *, fields: bool | None) -> ExactCondensation:
+    def usual(
+        cls, settings: DataclassInstance | Reductor | None, *, fields: bool | None
+    ) -> ExactCondensation:
         """See :meth:`~hhr_dolfinx.reduction.reductor.Reductor.usual`; settings have no effect.
 
         Args:

@@ -93,7 +93,7 @@ class OfPoints:
             NotOfferedError: for such a law.
         """
 
-    def check(self, name: str, solutions: object) -> SnapshotSet:
+    def check(self, name: str, solutions: SnapshotSet | None) -> SnapshotSet:
         """Check solutions.
 
         Args:

@@ -17,7 +17,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from numbers import Real
-from typing import Any, ClassVar, Protocol
+from types import UnionType
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -34,6 +35,9 @@ from hhr_dolfinx.reduction.enrichment import MODE_ROUND_OFF, check_basis
 from hhr_dolfinx.reduction.modes import deim, pod
 from hhr_dolfinx.reduction.projection import checked_nodes, load_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.files import Json
 
 MOST_LAYERS = 1000
 """Layers of cells that cover any mesh of this package."""
@@ -106,7 +110,7 @@ class Indicator(Protocol):
         """
 
 
-def _on_rows(*steps: object) -> bool:
+def _on_rows(*steps: Basis | NodeChoice) -> bool:
     """True if local rows of the displacements suffice for steps."""
     return all(getattr(step, "by_rows", False) is True for step in steps)
 
@@ -119,7 +123,7 @@ STEP_METHODS = {
 """Methods of steps, for messages."""
 
 
-def _check_step(said: str, step: object, method: str) -> None:
+def _check_step(said: str, step: Basis | NodeChoice | Indicator, method: str) -> None:
     """Raise ReductionError for a step that is a class, or an object without a method."""
     if isinstance(step, type) or not callable(getattr(step, method, None)):
         raise ReductionError(f"{said} must have {STEP_METHODS[method]}")
@@ -395,7 +399,7 @@ class Enrich:
 class _Named(type):
     """Class with named recipes of plug-ins, such as that for a law of interfaces."""
 
-    def __getattr__(cls, name: str) -> Any:
+    def __getattr__(cls, name: str) -> Callable[..., Recipe]:
         import_paths = {} if name.startswith("_") else registry.named("recipes")
         if name not in import_paths:
             reason = registry.remedy("recipes", name) or ", and no installed plug-in adds it"
@@ -444,7 +448,12 @@ class Recipe(metaclass=_Named):
         if self.indicator is not None:
             _check_step(f"indicator = {self.indicator!r}", self.indicator, "prepared")
         optional = {"enrichment": Enrich | None, "trust": TrustLimits | None}
-        kinds: dict[str, Any] = {"domain": Rid, **optional, "bound": bool, "cone": bool}
+        kinds: dict[str, type | UnionType] = {
+            "domain": Rid,
+            **optional,
+            "bound": bool,
+            "cone": bool,
+        }
         for name, kind in kinds.items():
             if not isinstance(getattr(self, name), kind):
                 raise ReductionError(f"{name} = {getattr(self, name)!r} of a recipe must be {kind}")
@@ -479,12 +488,12 @@ class Recipe(metaclass=_Named):
             self, trust=None, domain=replace(self.domain, most_layers=self.domain.layers)
         )
 
-    def described(self) -> dict[str, Any]:
+    def described(self) -> dict[str, Json]:
         """Steps and their numbers as plain values, for a report; functions by their names."""
         return {attribute.name: _plain(getattr(self, attribute.name)) for attribute in fields(self)}
 
 
-def _plain(value: object) -> Any:
+def _plain(value: object) -> Json:
     if hasattr(value, "__dataclass_fields__"):
         return {"step": type(value).__name__} | {
             name: _plain(getattr(value, name)) for name in value.__dataclass_fields__

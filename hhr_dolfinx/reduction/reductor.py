@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.certify.compare import Comparison
@@ -38,6 +38,9 @@ from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, compute_snapshots
 from hhr_dolfinx.timing import Announce, StageLog, terminal_lines
 from hhr_dolfinx.trained import Trained, TrainedRange
 from hhr_dolfinx.warn import Warned, collected, repeat
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.reduction.recipe import Recipe
 
 EXACTNESS_SAMPLES = 2
 """Full answers that are solved for to compare a model that calls itself exact, if none were held
@@ -103,6 +106,21 @@ class Record(Generic[Facts]):
         if name.startswith("_") or name == "facts":
             raise AttributeError(name)
         return getattr(self.facts, name)
+
+
+class Reducing(Protocol):
+    """An object that makes a model in one attempt, and checks it by itself."""
+
+    def reduced(
+        self, full: FullModel, snapshots: SnapshotSet | None, held_out: SnapshotSet | None
+    ) -> AnsweringModel:
+        """The model of a full one.
+
+        Args:
+            full: the full model.
+            snapshots: training answers.
+            held_out: answers for the check of the model; None without any.
+        """
 
 
 class Reductor(ABC, Generic[Prepared]):
@@ -192,10 +210,10 @@ class Reductor(ABC, Generic[Prepared]):
 
 
 @dataclass(eq=False)
-class Outcome:
+class Outcome(Generic[Candidate]):
     """Result of one candidate: a model or an error, and its warnings."""
 
-    candidate: Any
+    candidate: Candidate
     made: Any = None
     error: HHRError | None = None
     warnings: Sequence[Warned] = ()
@@ -205,7 +223,7 @@ def outcomes(
     candidates: Iterable[Candidate],
     make: Callable[[Candidate], object],
     refusals: tuple[type[HHRError], ...],
-) -> Iterator[Outcome]:
+) -> Iterator[Outcome[Candidate]]:
     """The loop over attempts: the result of each, or the error that refused it.
 
     The caller stops or takes the next.
@@ -263,7 +281,7 @@ def made(reductor: Reductor[Prepared], task: Task, before: Prepared | None = Non
         return _driven(reductor, task, reductor.prepare(task, before))
 
 
-def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any:
+def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> AnsweringModel:
     """The best of the attempts."""
     log = task.log
     before = len(log.skipped)
@@ -355,7 +373,7 @@ def _name_of(reductor: Reductor) -> str:
     return type(getattr(reductor, "given", reductor)).__name__
 
 
-def _check_scene(full: FullModel, reductor: Reductor, model: object) -> None:
+def _check_scene(full: FullModel, reductor: Reductor, model: AnsweringModel) -> None:
     """Raise ReductionError for a result that is no model of the scene of the full one."""
     name = f"{_name_of(reductor)} made"
     if not isinstance(model, AnsweringModel):
@@ -438,7 +456,7 @@ class SingleAttempt(Reductor[Task]):
         return None, getattr(model, "trained", None)
 
 
-def as_reductor(given: object) -> Reductor | None:
+def as_reductor(given: Recipe | Reductor | Reducing | None) -> Reductor | None:
     """A reductor, or an object with ``reduced``; None for anything else."""
     if isinstance(given, Reductor):
         return given

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs
@@ -15,7 +13,7 @@ from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.timing import Announce, unannounced
 
 STAGE = "starts"
-NO_FIELDS: Any = ModelFields()
+NO_FIELDS = ModelFields()
 """Fields of answers without fields."""
 
 

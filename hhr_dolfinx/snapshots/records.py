@@ -339,7 +339,7 @@ def _some(answers: SnapshotSet | None, lost: Lost | None, count: int) -> Snapsho
     return answers
 
 
-def _are_paths(queries: object) -> bool:
+def _are_paths(queries: PointsLike | Sequence[Path]) -> bool:
     """True for paths, lists of times and parameters, which do not form a table."""
     if has_names(queries):
         return False
@@ -527,7 +527,9 @@ NOWHERE: Any = None
 """Fields of an answer that is sent to another rank."""
 
 
-def check_of_problem(name: str, solutions: object, problem: ContactProblem) -> SnapshotSet:
+def check_of_problem(
+    name: str, solutions: SnapshotSet | None, problem: ContactProblem
+) -> SnapshotSet:
     """Check solutions.
 
     Args:

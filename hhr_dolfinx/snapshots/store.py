@@ -34,11 +34,12 @@ from hhr_dolfinx.version import __version__
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.files import Json
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.parameters import ParameterSpace
 
 
-def add_to(digest: Any, parts: Sequence[object]) -> None:
+def add_to(digest: hashlib._Hash, parts: Sequence[object]) -> None:
     """Update a digest with values, to the last bit.
 
     Args:
@@ -85,6 +86,9 @@ def parts_of(item: object) -> list[object]:
         ]
     return [item]
 
+
+Query = Sequence[float | str | None]
+"""Values of a point, and those of amplitudes and laws there, which a stored answer has."""
 
 SNAPSHOT_FORMAT = "hhr_dolfinx snapshot"
 """Content of a file, in its header."""
@@ -262,7 +266,7 @@ class SnapshotStore:
         numbers = [float(value) for pair in nonaffine for values in pair for value in values]
         return [*point.tolist(), *numbers, *self.laws.query(point)]
 
-    def load_query(self, point: np.ndarray, query: list, forces: float = 0.0) -> Answer | None:
+    def load_query(self, point: np.ndarray, query: Query, forces: float = 0.0) -> Answer | None:
         """Answer to a query, checked; None if it is not there.
 
         Args:
@@ -279,7 +283,7 @@ class SnapshotStore:
 
     @contextmanager
     def _damage_reported(
-        self, point: np.ndarray, query: list, aloud: bool = True
+        self, point: np.ndarray, query: Query, aloud: bool = True
     ) -> Iterator[None]:
         """Warn of a file without a valid answer instead of raising.
 
@@ -294,7 +298,7 @@ class SnapshotStore:
             if aloud:
                 warn(message, SnapshotFileWarning)
 
-    def _read(self, point: np.ndarray, query: list) -> Answer | None:
+    def _read(self, point: np.ndarray, query: Query) -> Answer | None:
         path = self._path(query)
         try:
             header, arrays = read_arrays(path, SNAPSHOT_FORMAT, SNAPSHOT_VERSION, mapped=True)
@@ -305,7 +309,7 @@ class SnapshotStore:
         check_layout(arrays, self._layout(), self._sizes)
         return self._answer(point, arrays)
 
-    def _judge(self, answer: Answer, query: list, forces: float = 0.0) -> None:
+    def _judge(self, answer: Answer, query: Query, forces: float = 0.0) -> None:
         """Raise FileContentError for an answer that is no solution, in spite of its checksum.
 
         Count solutions.
@@ -317,7 +321,7 @@ class SnapshotStore:
             )
         self.found += 1
 
-    def save_query(self, answer: Answer, query: list) -> None:
+    def save_query(self, answer: Answer, query: Query) -> None:
         """Store the answer to a query.
 
         Args:
@@ -359,7 +363,7 @@ class SnapshotStore:
         search = iterations, Status.CONVERGED, False, self._full
         return Answer(point, unknown, multipliers, active, *search, memory=memory, **steps)
 
-    def _header(self, query: list) -> dict:
+    def _header(self, query: Query) -> dict[str, Json]:
         return {
             "format": SNAPSHOT_FORMAT,
             "version": SNAPSHOT_VERSION,
@@ -367,11 +371,11 @@ class SnapshotStore:
             "point": query,
         }
 
-    def digest(self, query: list) -> str:
+    def digest(self, query: Query) -> str:
         """Hexadecimal digest of the problem and a query, the name of its file."""
         return hashlib.sha256(self._fingerprint + repr(query).encode()).hexdigest()[:40]
 
-    def _path(self, query: list) -> Path:
+    def _path(self, query: Query) -> Path:
         return self.folder / f"{self.digest(query)}.npz"
 
 

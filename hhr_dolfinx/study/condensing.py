@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from mpi4py import MPI
 
 from hhr_dolfinx.errors import ReductionError
@@ -11,9 +13,17 @@ from hhr_dolfinx.reduction.kinds import kind_of
 from hhr_dolfinx.reduction.reductor import Task, condensing, made
 from hhr_dolfinx.scene import Scene
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    from hhr_dolfinx.reduction.reductor import Reductor
+
 
 def condense(
-    scene: Scene | FullOrderModel, settings: object = None, *, fields: bool | None = None
+    scene: Scene | FullOrderModel,
+    settings: DataclassInstance | Reductor | None = None,
+    *,
+    fields: bool | None = None,
 ) -> CondensedModel:
     """Build a model that keeps all contact conditions and eliminates the rest, without snapshots.
 
@@ -47,7 +57,10 @@ def condense(
 
 
 def condensed(
-    full: FullOrderModel, settings: object = None, *, fields: bool | None = None
+    full: FullOrderModel,
+    settings: DataclassInstance | Reductor | None = None,
+    *,
+    fields: bool | None = None,
 ) -> CondensedModel:
     """See :func:`condense`; without the check of strains.
 

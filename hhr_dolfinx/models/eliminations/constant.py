@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, dense_factors
-from hhr_dolfinx.models.answer import Answer, ModelFields, SeveralAnswers
+from hhr_dolfinx.models.answer import Answer, Model, ModelFields, SeveralAnswers
 from hhr_dolfinx.models.eliminations.elimination import (
     AnswerTable,
     CondensedContact,
@@ -27,6 +27,9 @@ from hhr_dolfinx.models.eliminations.elimination import (
 )
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.plain import CODE, Rebuilt
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed import CondensedModel
 
 Region = tuple[np.ndarray, np.ndarray] | None
 
@@ -112,7 +115,7 @@ class ConstantElimination(Rebuilt, Elimination):
         """
         return CriticalRegions.of(self, known)
 
-    def answers(self, model: object, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
+    def answers(self, model: Model, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
         """Answers to many points; equal statuses share factors.
 
         Args:
@@ -123,7 +126,12 @@ class ConstantElimination(Rebuilt, Elimination):
         from hhr_dolfinx.models.many import answers_by_statuses
 
         return answers_by_statuses(
-            model, self.amplitudes, self.responses, self.response, points, raise_on_failure
+            cast("CondensedModel", model),
+            self.amplitudes,
+            self.responses,
+            self.response,
+            points,
+            raise_on_failure,
         )
 
 

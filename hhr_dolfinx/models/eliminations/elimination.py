@@ -23,7 +23,14 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.linear.dense import Factor, LapackLU, solve_columns
-from hhr_dolfinx.models.answer import Answer, ModelFields, SeveralAnswers, found_as, one_by_one
+from hhr_dolfinx.models.answer import (
+    Answer,
+    Model,
+    ModelFields,
+    SeveralAnswers,
+    found_as,
+    one_by_one,
+)
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.kernel import CondensedKernel
@@ -114,7 +121,7 @@ class Elimination(ABC):
         """Answers of training statuses as maps of the parameters; None if these are not affine."""
         return None
 
-    def answers(self, model: object, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
+    def answers(self, model: Model, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
         """Answers of a model to checked points, (n, P).
 
         Args:

@@ -295,8 +295,8 @@ def outputs_of(answer: Any) -> Outputs:
     Raises:
         HHRError: for a model of a scene without outputs.
     """
-    fields: Any = answer.fields
-    outputs: Any = fields.functionals
+    fields = answer.fields
+    outputs: AllOutputs | None = fields.functionals
     if outputs is None:
         raise HHRError(
             "this model has no outputs: name them in the scene, Scene(..., outputs=(...,)), and "

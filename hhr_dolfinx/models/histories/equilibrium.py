@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from numbers import Real
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypedDict, TypeVar, Unpack
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from hhr_dolfinx.trained import OUTSIDE
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import Answer, History, Path
+    from hhr_dolfinx.models.answer import Answer, History, Model, Path, Start
     from hhr_dolfinx.models.functionals.functional import Functional
 
 
@@ -58,12 +58,45 @@ class LawsAtPlaces(Protocol):
         """
 
 
-class Histories(Protocol):
+Answering = TypeVar("Answering", bound="Model", contravariant=True)
+"""Kind of models that histories are of."""
+
+
+class Following(TypedDict, total=False):
+    """Further arguments of a history."""
+
+    known: Sequence[Answer]  #: answers to the first steps, solved before
+    keep: Callable[[Answer], None]  #: called with each new answer
+    watch: Callable[[Answer], None] | None  #: called with the answer of each increment
+    weights: np.ndarray | None  #: derivatives of the parameters at each time, (times, P)
+
+
+class ManyOptions(TypedDict, total=False):
+    """Further arguments of a solution, at one point or many."""
+
+    raise_on_failure: bool  #: raise instead of returning NaN and a status
+    outside: str  #: policy outside the training range
+
+
+class StepOptions(TypedDict, total=False):
+    """Further arguments of a step from rest to a point."""
+
+    duration: float  #: of the step in seconds, for laws of bodies with rates
+    converged: bool  #: refine the path, for laws of contacts
+
+
+class SolveOptions(ManyOptions, StepOptions, total=False):
+    """Further arguments of a solution at one point."""
+
+    start: Start  #: start of the search
+
+
+class Histories(Protocol[Answering]):
     """Answers along paths: a law of contacts, or the equilibrium of bodies with laws."""
 
     def march(
         self,
-        model: Any,
+        model: Answering,
         path: Path,
         settings: MarchSettings,
         *,
@@ -82,12 +115,12 @@ class Histories(Protocol):
 
     def one_step(
         self,
-        model: Any,
+        model: Answering,
         point: np.ndarray,
         raise_on_failure: bool,
         outside: str,
         gradient: bool,
-        **step: Any,
+        **step: Unpack[StepOptions],
     ) -> Answer:
         """Answer of a model to a point, from rest.
 
@@ -104,7 +137,7 @@ class Histories(Protocol):
         """Line on the errors of answers, from that of unilateral contact of elastic bodies."""
 
 
-class Equilibrium(Histories, Protocol):
+class Equilibrium(Histories[Answering], Protocol[Answering]):
     """Equilibrium of bodies with laws, of a full or a small model.
 
     The plug-in that reads the laws makes it.

@@ -14,7 +14,7 @@ from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.parameters import ParameterSpace, PointLike, named_values
 
 
-def check_settings(settings: object) -> None:
+def check_settings(settings: MarchSettings) -> None:
     """Check the settings of a history.
 
     Raises:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Unpack
 
 import numpy as np
 
@@ -12,14 +12,15 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.contact.law import UNILATERAL_STEP, ContactLaw, StepContact
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
+from hhr_dolfinx.models.histories.equilibrium import Answering
 from hhr_dolfinx.models.histories.path import solve_along
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import Answer, History, Model, Path
-    from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+    from hhr_dolfinx.models.answer import Answer, HasLaw, History, Model, Path
+    from hhr_dolfinx.models.histories.equilibrium import Following, MarchSettings, StepOptions
 
 
-class Steps:
+class Steps(Generic[Answering]):
     """Base of the facet ``steps``.
 
     A method that a law does not override is refused, never answered as if the law were not there.
@@ -29,7 +30,9 @@ class Steps:
     #: ``range`` solves these
     completes: ClassVar[bool] = False
 
-    def march(self, model: Any, path: Path, settings: MarchSettings, **how: Any) -> History:
+    def march(
+        self, model: Answering, path: Path, settings: MarchSettings, **how: Unpack[Following]
+    ) -> History:
         """See :class:`~hhr_dolfinx.models.histories.equilibrium.Histories`.
 
         Args:
@@ -45,12 +48,12 @@ class Steps:
 
     def one_step(
         self,
-        model: Any,
+        model: Answering,
         point: np.ndarray,
         raise_on_failure: bool,
         outside: str,
         gradient: bool,
-        **step: Any,
+        **step: Unpack[StepOptions],
     ) -> Answer:
         """See :class:`~hhr_dolfinx.models.histories.equilibrium.Histories`.
 
@@ -67,7 +70,7 @@ class Steps:
         """
         raise NotOfferedError(f"answers to single points are not built in with {model.law.name}")
 
-    def increments(self, model: Any, settings: MarchSettings) -> Any:
+    def increments(self, model: Answering, settings: MarchSettings) -> Any:
         """Solver of the increments of a history of elastic bodies.
 
         The law of the model remembers.
@@ -106,7 +109,7 @@ class Steps:
         """
         raise NotOfferedError(f"steps by linearisation are not built in with {model.law.name}")
 
-    def at_rest(self, model: object, gaps: np.ndarray, point: np.ndarray) -> Memory:
+    def at_rest(self, model: HasLaw, gaps: np.ndarray, point: np.ndarray) -> Memory:
         """Memory of undeformed bodies.
 
         Args:
@@ -116,11 +119,11 @@ class Steps:
         """
         return NO_MEMORY
 
-    def watch(self, model: object) -> Callable[[Answer], None]:
+    def watch(self, model: HasLaw) -> Callable[[Answer], None]:
         """Check of the ends of the steps of one history."""
         return lambda answer: None
 
-    def coupling(self, model: object, point: np.ndarray) -> float:
+    def coupling(self, model: Answering, point: np.ndarray) -> float:
         """Strength of the coupling of the rows, see :meth:`AnsweringModel.coupling`; unknown here.
 
         Args:
@@ -134,7 +137,7 @@ class Steps:
         return known
 
 
-class UnilateralSteps(Steps):
+class UnilateralSteps(Steps["Model"]):
     """Unilateral contact remembers nothing: each point of a path has its answer."""
 
     def march(self, model: Model, path: Path, settings: MarchSettings, **how: Any) -> History:
@@ -150,7 +153,7 @@ class UnilateralSteps(Steps):
 
     def step_contact(
         self,
-        model: Any,
+        model: HasLaw,
         before: Answer,
         point: np.ndarray,
         time: float,
@@ -163,7 +166,7 @@ class UnilateralSteps(Steps):
         """
         return UNILATERAL_STEP
 
-    def coupling(self, model: object, point: np.ndarray) -> float:
+    def coupling(self, model: Model, point: np.ndarray) -> float:
         """Zero: rows are not coupled by the law.
 
         Args:

@@ -72,8 +72,10 @@ from hhr_dolfinx.testing import (
 from hhr_dolfinx.warn import ignored
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.plugins.contact_laws.interface import Range
     from hhr_dolfinx.plugins.contact_laws.ranges import RangeSolver, RangeStep
+    from hhr_dolfinx.reduction.reductor import Reducing, Reductor
 
 Steps = list[tuple[float, np.ndarray]]
 """Times in seconds and parameters of a path."""
@@ -604,7 +606,7 @@ def _check_constants(
         _require(same, "constants", constant.name)
 
 
-def _check_in_c(model: Any, path: Steps) -> None:
+def _check_in_c(model: CondensedModel, path: Steps) -> None:
     """C functions of a law give the forces of Python along a path."""
     exact = np.array([answer.multipliers for answer in model.march(path).answers])
     forces = in_c(model, path)
@@ -631,7 +633,7 @@ def check_range(full: FullOrderModel, plugin: str) -> None:
     """
     from hhr_dolfinx.plugins.contact_laws.interface import Range
 
-    law: Any = full.law
+    law = full.law
     full_range = next(
         (law_range for law_range in getattr(law, "ranges", ()) if law_range.law.plugin == plugin),
         None,
@@ -842,7 +844,7 @@ def _alike(
 
 @blaming
 def check_reductor(
-    reductor: object, known: Iterable[type] = (), *, tolerance: float = 0.05
+    reductor: Reductor | Reducing, known: Iterable[type] = (), *, tolerance: float = 0.05
 ) -> None:
     """Check a reductor on blocks of constant stiffness, and with a modulus as parameter.
 
@@ -926,7 +928,7 @@ def _near(found: ArrayLike, expected: ArrayLike, tolerance: float) -> bool:
     )
 
 
-def _saved(model: KeptModel, known: Iterable[type]) -> Any:
+def _saved(model: KeptModel, known: Iterable[type]) -> KeptModel:
     """The model as its file restores it."""
     with TemporaryDirectory() as folder:
         save_model(Path(folder) / "model.npz", model)

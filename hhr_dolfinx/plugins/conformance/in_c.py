@@ -10,11 +10,14 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hhr_dolfinx import registry
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed import CondensedModel
 
 NEEDED = "exporters"
 """Plug-in that writes headers."""
@@ -51,7 +54,7 @@ def compilable(plugin: str) -> bool:
     )
 
 
-def in_c(model: Any, path: Sequence[tuple[float, np.ndarray]]) -> np.ndarray | str:
+def in_c(model: CondensedModel, path: Sequence[tuple[float, np.ndarray]]) -> np.ndarray | str:
     """Forces of a compiled header in steps of a second, (steps, m).
 
     Args:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -226,7 +225,9 @@ class Periodic:
             )
         count = followers.size * dim
         dofs = (dim * followers[:, None] + np.arange(dim)).ravel()
-        entries: list[Any] = [(np.ones(count), np.arange(count), dofs)]
+        entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = [
+            (np.ones(count), np.arange(count), dofs)
+        ]
         for k in range(dim):
             entries.append(
                 (

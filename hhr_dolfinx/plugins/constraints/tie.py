@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -41,7 +41,7 @@ class Tie:
 
     slave: Tag
     master: Tag
-    pairing: Any = Mortar
+    pairing: Callable[[Tag, Tag], Pairing] = Mortar
     amplitude: Amplitude = field(default=Amplitude(), init=False)
 
     def __post_init__(self) -> None:

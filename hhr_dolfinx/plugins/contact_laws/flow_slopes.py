@@ -9,7 +9,7 @@ on S = B K_T^-1 B^T: their rows at the solution are P x' + Q (s' + S x') = -r', 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -18,13 +18,24 @@ from hhr_dolfinx.models.gradient import CHANGING_STATUS
 from hhr_dolfinx.plugins.contact_laws.range_increments import SolversOfRanges, joined
 from hhr_dolfinx.plugins.inelastic.contact_slopes import ContactChange, LinearisedStep, columnwise
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.contact_laws.interface import Interface
+
+
+class HasInterface(Protocol):
+    """Equilibrium whose contacts have laws of several plug-ins."""
+
+    @property
+    def law(self) -> Interface:
+        """Law of the contact conditions."""
+
 
 class RangeSlopes:
     """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`, for one history of
     an equilibrium.
     """
 
-    def __init__(self, model: Any, count: int):
+    def __init__(self, model: HasInterface, count: int):
         self._laws = SolversOfRanges(model.law)
         self._memory = joined([solver.at_rest() for solver in self._laws.solvers])
         self._changes = np.zeros(

@@ -9,7 +9,7 @@ the error of the halves.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -68,13 +68,19 @@ class IncrementEnd(NamedTuple):
         )
 
 
-class SolvedIncrement(Protocol):
+Reached = TypeVar("Reached", covariant=True)
+
+
+class SolvedIncrement(Protocol[Reached]):
     """A solved increment."""
 
     status: Status  #: why its search stopped
     iterations: int  #: equality problems solved
     cycled: bool  #: see :class:`Answer`
-    reached: Any  #: place at its end
+
+    @property
+    def reached(self) -> Reached:
+        """Place at its end."""
 
 
 P = TypeVar("P", bound=HistoryState)
@@ -282,7 +288,7 @@ class _ByIncrements:
 
     def __init__(
         self,
-        model: Any,
+        model: AnsweringModel,
         settings: MarchSettings,
         rest: tuple[float, np.ndarray],
         weights: np.ndarray,

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 
@@ -162,7 +162,7 @@ class Interface(ContactLaw, Rebuilt):
         ]
         return self._joined(inside.size, masks)
 
-    def parts(self) -> list[Any]:
+    def parts(self) -> list[str | np.ndarray]:
         """See :class:`ContactLaw`."""
         return [
             entry
@@ -203,7 +203,7 @@ class Interface(ContactLaw, Rebuilt):
             for size, value in {"N_lambda": law_range.rows.size, **law_range.law.sizes}.items()
         }
 
-    def stored(self, memory: Memory) -> dict[str, Any]:
+    def stored(self, memory: Memory) -> dict[str, np.ndarray]:
         """See :class:`ContactLaw`."""
         return {
             name: array

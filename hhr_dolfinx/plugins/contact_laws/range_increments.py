@@ -5,7 +5,7 @@ conditions.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -17,6 +17,10 @@ from hhr_dolfinx.models.gradient import CHANGING_STATUS, Gradient
 from hhr_dolfinx.plugins.contact_laws.increments import PATH_GRADIENT_NOTE, IncrementEnd, unknown_of
 from hhr_dolfinx.plugins.contact_laws.interface import Interface
 from hhr_dolfinx.plugins.contact_laws.ranges import Ranges, RangeStep, Together
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.models.model import AnsweringModel
 
 WEAK_RANGE = 1e-8
 """Part of the largest force of all ranges below which differences of one range are not measured by
@@ -125,10 +129,10 @@ def joined(memories: Sequence[Memory]) -> Memory:
 class RangesIncrements:
     """Increments of one history of a model whose law is an :class:`.Interface`."""
 
-    def __init__(self, model: Any, gradient: bool):
+    def __init__(self, model: AnsweringModel, gradient: bool):
         self.model = model
         self.gradient = gradient
-        self.laws = SolversOfRanges(model.law)
+        self.laws = SolversOfRanges(cast("Interface", model.law))
         self.contact_at = model.contacts()
         self.largest = np.zeros(len(self.laws.rows))  # norm of the forces of each range so far
         completion = model.fields.interface
@@ -165,7 +169,7 @@ class RangesIncrements:
         forces = answer.multipliers
         point = answer.parameter
         self._grow(forces)
-        problem = self.model.problem.at(point)
+        problem = cast("FullModel", self.model).problem.at(point)
         slack = problem.gaps @ problem.amplitudes(point) - problem.contact @ answer.unknown
         energy = 0.5 * float(forces @ (self.contact_at(point).schur @ forces))
         state = forces, answer.memory, np.where(answer.active, 0.0, slack), energy

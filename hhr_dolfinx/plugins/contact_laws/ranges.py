@@ -13,13 +13,16 @@ nothing is proved with it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import OTHER_PAIRS_ROUND_OFF, Status
 from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.law import ContactLaw
 
 PROJECTION_TOLERANCE = 1e-11
 """Relative deviation of forces from their projection up to which they have converged (measured
@@ -151,7 +154,10 @@ class RangeStep:
         return np.abs(forces - stiffness * slack) <= near
 
 
-class RangeSolver:
+LawOfRange = TypeVar("LawOfRange", bound="ContactLaw")
+
+
+class RangeSolver(Generic[LawOfRange]):
     """Base of the facet ``range``: a law of a plug-in on its rows, in a scene with other laws, or
     without memory.
 
@@ -159,7 +165,7 @@ class RangeSolver:
     how far it is not.
     """
 
-    def __init__(self, law: Any):
+    def __init__(self, law: LawOfRange):
         self.law = law
 
     def compliance(self, diagonal: np.ndarray) -> np.ndarray | float:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from hhr_dolfinx.snapshots.records import SnapshotSet
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.reduction.recipe import Basis, Indicator, NodeChoice
 
 OF_STEPS = 1e-3
 """Relative error up to which single answers of laws that remember may be off of exact ones:
@@ -33,12 +34,25 @@ round-off may change the increments that lead to them.
 """
 
 
-def of_paths(**changes: Any) -> Recipe:
+class RecipeSteps(TypedDict, total=False):
+    """Steps of a recipe by name, see :class:`Recipe`."""
+
+    basis: Basis
+    nodes: tuple[NodeChoice, ...]
+    domain: Rid
+    enrichment: Enrich | None
+    trust: TrustLimits | None
+    indicator: Indicator | None
+    bound: bool
+    cone: bool
+
+
+def of_paths(**changes: Unpack[RecipeSteps]) -> Recipe:
     """Recipe for elastic bodies with laws of contacts: slip needs more modes, and a RID with most
     contacts.
     """
     nodes = Deim(), ForceDeim(1e-4), LoadNodes()
-    usual: dict[str, Any] = {"basis": Pod(1e-10), "nodes": nodes, "domain": Rid(2, 4)}
+    usual: RecipeSteps = {"basis": Pod(1e-10), "nodes": nodes, "domain": Rid(2, 4)}
     return Recipe(
         **(usual | {"enrichment": Enrich(10.0), "trust": TrustLimits.of_histories()} | changes)
     )
@@ -97,7 +111,7 @@ class OfContactLaws(OfPoints):
         """Refuse a law without ranges, and laws on ranges of inelastic bodies."""
         completed(self.full)
 
-    def check(self, name: str, solutions: object) -> SnapshotSet:
+    def check(self, name: str, solutions: SnapshotSet | None) -> SnapshotSet:
         """Refuse laws that hyper-reduced models cannot complete, too.
 
         Args:

@@ -6,14 +6,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack, cast
 
 import numpy as np
 
 from hhr_dolfinx.contact.law import StepContact
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
-from hhr_dolfinx.models.answer import Answer, History, Path
+from hhr_dolfinx.models.answer import Answer, HasLaw, History, Path
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.steps import Steps
 from hhr_dolfinx.plugins.contact_laws.increments import Increments, follow, proportional, single
@@ -21,16 +21,18 @@ from hhr_dolfinx.plugins.contact_laws.interface import ranged
 from hhr_dolfinx.plugins.contact_laws.range_increments import RangesIncrements, RangesStep
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.histories.equilibrium import Following
     from hhr_dolfinx.models.model import AnsweringModel
+    from hhr_dolfinx.plugins.contact_laws.interface import Interface
 
 
-class LawSteps(Steps):
+class LawSteps(Steps["AnsweringModel"]):
     """Base of the facet of a law whose increments are solved one after another, see
     :mod:`.increments`.
     """
 
     def march(
-        self, model: AnsweringModel, path: Path, settings: MarchSettings, **how: Any
+        self, model: AnsweringModel, path: Path, settings: MarchSettings, **how: Unpack[Following]
     ) -> History:
         """History along a path, see :func:`follow`.
 
@@ -89,7 +91,7 @@ class LawSteps(Steps):
         """
         return RangesStep(ranged(model.law, model.conditions), before, point, time, last)
 
-    def at_rest(self, model: Any, gaps: np.ndarray, point: np.ndarray) -> Memory:
+    def at_rest(self, model: HasLaw, gaps: np.ndarray, point: np.ndarray) -> Memory:
         """Of all laws.
 
         Args:
@@ -103,7 +105,7 @@ class LawSteps(Steps):
             memory = memory | law_range.solver().memory_at_rest(rows, point)
         return memory
 
-    def watch(self, model: Any) -> Callable[[Answer], None]:
+    def watch(self, model: HasLaw) -> Callable[[Answer], None]:
         """Of all laws."""
         solvers = [law_range.solver() for law_range in ranged(model.law, model.conditions).ranges]
 
@@ -139,7 +141,7 @@ class InterfaceSteps(LawSteps):
             )
         return RangesIncrements(model, settings.gradient)
 
-    def coupling(self, model: Any, point: np.ndarray) -> float:
+    def coupling(self, model: AnsweringModel, point: np.ndarray) -> float:
         """Sum over the laws of their part in the difference of two solutions.
 
         |e|_S^2 of the difference e is at most this sum.
@@ -152,7 +154,7 @@ class InterfaceSteps(LawSteps):
             return math.nan
         return sum(
             law_range.solver().coupling(contact.schur, law_range.rows, point)
-            for law_range in model.law.ranges
+            for law_range in cast("Interface", model.law).ranges
         )
 
     def known_error(self, known: str) -> str:

@@ -9,6 +9,8 @@ import operator
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import EllipsisType
+from typing import TypeAlias
 
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.plugins.decks.comm_keywords import COMMANDS
@@ -26,6 +28,8 @@ _SIGNS: Mapping[type[ast.unaryop], Callable[[float], float]] = {
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
 }
+Value: TypeAlias = "str | bytes | complex | EllipsisType | tuple[Value, ...] | Command | None"
+"""A literal, several, or a command; None for what is not read."""
 _SCOPES = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Lambda)
 
 
@@ -37,7 +41,7 @@ class Command:
 
     name: str
     source: str
-    words: Mapping[str, object] = field(default_factory=dict)
+    words: Mapping[str, Value] = field(default_factory=dict)
     unread: tuple[Left, ...] = ()
 
     def factors(self, name: str) -> tuple[Command, ...]:
@@ -75,7 +79,7 @@ class Command:
         return Left(self.source, self.name, why)
 
 
-def number(value: object) -> float | None:
+def number(value: Value) -> float | None:
     """A number, and None for anything else, such as a truth value."""
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
@@ -117,7 +121,7 @@ class _Names:
     def __init__(self, file: str, changeable: frozenset[str]) -> None:
         self.file = file
         self.changeable = changeable
-        self.values: dict[str, object] = {}
+        self.values: dict[str, Value] = {}
         self.nested: list[Command] = []
 
     def after(self, statement: ast.stmt) -> Iterator[Command]:
@@ -150,7 +154,7 @@ class _Names:
         ):
             yield Command(type(statement).__name__, f"{self.file}:{statement.lineno}", {"": None})
 
-    def _bind(self, target: ast.expr, value: object) -> None:
+    def _bind(self, target: ast.expr, value: Value) -> None:
         if isinstance(target, ast.Name) and target.id not in self.changeable:
             self.values[target.id] = value
         elif (
@@ -173,7 +177,7 @@ class _Names:
                     key: bound for key, bound in self.values.items() if bound is not value
                 }
 
-    def value(self, node: ast.AST | None) -> object:
+    def value(self, node: ast.AST | None) -> Value:
         """Value of a literal, of a sum or product of literals, or of a command; otherwise None."""
         match node:
             case ast.Constant(value=value):
@@ -196,7 +200,7 @@ class _Names:
                 return Command(name, f"{self.file}:{node.lineno}", found_words)
         return None
 
-    def _inner(self, node: ast.AST) -> object:
+    def _inner(self, node: ast.AST) -> Value:
         """Value of an argument: a command instead of its name is one of the file, and other
         calls are unknown.
         """
@@ -253,7 +257,7 @@ def admitted(command: Command, name: str) -> Command:
     keyword = COMMANDS.get(name)
     if keyword is None or keyword.rule.outcome != READ:
         return command
-    words: dict[str, object] = {}
+    words: dict[str, Value] = {}
     unread: list[Left] = []
     title = name.replace("/", " ")
     for key, word in command.words.items():

@@ -6,11 +6,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hhr_dolfinx.plugins.decks.comm_commands import Command, number
 from hhr_dolfinx.plugins.decks.deck import Left
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.decks.comm_commands import Value
 
 SOLVERS = ("MECA_STATIQUE", "STAT_NON_LINE")
 CHARGES = ("AFFE_CHAR_MECA", "AFFE_CHAR_CINE")
@@ -157,7 +161,7 @@ def _end(solver: Command) -> float | None:
     return _last(steps.words["LIST_INST"]) if "LIST_INST" in steps.words else None
 
 
-def _last(times: object) -> float | None:
+def _last(times: Value) -> float | None:
     """Last time of a list; None for one that is not literal."""
     if not isinstance(times, Command):
         return None

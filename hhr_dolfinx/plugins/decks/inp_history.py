@@ -14,6 +14,7 @@ from hhr_dolfinx.plugins.decks.deck import Deck, DeckHistory, Item, Left
 from hhr_dolfinx.plugins.decks.inp_steps import (
     IMPOSING,
     Imposed,
+    Key,
     KeywordBlock,
     State,
     curve_of,
@@ -184,7 +185,7 @@ def _between(before: State, after: State, fraction: float) -> State:
     """A state in a step, of which a part is over: values without amplitudes change in proportion to
     it.
     """
-    state: dict = {}
+    state: dict[Key, list[Imposed]] = {}
     for key in {**before, **after}:
         old = list(before.get(key, ()))
         new = list(after.get(key, ()))

@@ -147,6 +147,10 @@ class DeckStep:
         return self.blocks[0].keyword == "STEP" and kind == "STEP"
 
 
+Detail = str | int | tuple[str | float, ...]
+"""Label or component; of gravity with its direction."""
+
+
 class Key(NamedTuple):
     """Quantity that rows of a deck impose: keyword, name or number of the place in capitals, label
     or component.
@@ -154,7 +158,7 @@ class Key(NamedTuple):
 
     keyword: str
     place: str
-    detail: object
+    detail: Detail
 
 
 State = Mapping[Key, Sequence[Imposed]]
@@ -266,7 +270,7 @@ def merged(state: Sequence[Imposed]) -> tuple[Imposed, ...]:
 
 def _rows(
     block: KeywordBlock, row: Sequence[str], factor: float
-) -> Iterator[tuple[object, Imposed]]:
+) -> Iterator[tuple[Detail, Imposed]]:
     """Quantities that a row imposes, each with the detail of its key."""
     if len(row) < 2:
         raise FileContentError(
@@ -288,7 +292,7 @@ def _rows(
         by_number = block.keyword == "DLOAD" and word[:1] == "P" and word[1:].isdigit()
     target = name_of_loaded(f"{block.keyword}:{block.line}", row[1:]) if by_number else row[0]
     for component in components:
-        detail: object = word if block.keyword in ("DLOAD", "DSLOAD") else component
+        detail: Detail = word if block.keyword in ("DLOAD", "DSLOAD") else component
         if word == "GRAV":  # gravity along several directions adds up
             detail = (word, *block.numbers(row, 3))
         yield detail, Imposed(block, row, target, component, factor * value, value)

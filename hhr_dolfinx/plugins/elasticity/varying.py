@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import ufl
@@ -134,7 +133,7 @@ class VaryingElasticity(ConstantElasticity):
         if (stress_of := scene.own_stress(body, space.mesh)) is not None:
             strain = elasticity.strain(field, hypothesis)
             return stress_of(strain if eigenstrain is None else strain - eigenstrain)
-        moduli: list[Any] = [body.young, body.poisson]
+        moduli: list[float | str] = [body.young, body.poisson]
         if body.varies:
             moduli = [Scalar(str(text), scene.parameters.names).value(point) for text in moduli]
         young, poisson = map(space.constant, moduli)

@@ -26,7 +26,7 @@ def _wanted(full: FullModel) -> bool:
     )  # laws are refused with their reason
 
 
-def _has_outputs(full: FullModel, recipe: object) -> bool:
+def _has_outputs(full: FullModel, recipe: Recipe) -> bool:
     return _wanted(full) and full.functionals is not None and not full.problem.held_by_contact
 
 

@@ -78,7 +78,7 @@ def _calibrated(
     else:
         log.skip("calibration", "no known increment has forces that its modes leave unexplained")
     share = float(np.clip(np.quantile(shares, CALIBRATED), 1.0, MOST_SHARE)) if shares else 1.0
-    interface: Any = model.fields.interface
+    interface = model.fields.interface
     return model.changed(
         fields=replace(model.fields, interface=replace(interface, share=share, depth=depth))
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, cast
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -15,7 +15,7 @@ from hhr_dolfinx.declared import Floats
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.models.reconstruct import Reconstruction
-    from hhr_dolfinx.plugins.exact_errors.difference import DifferenceThere
+    from hhr_dolfinx.plugins.exact_errors.difference import DifferenceThere, ExactDifference
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +103,6 @@ class FieldResponseWithin:
     @cached_property
     def _along_motions(self) -> tuple[np.ndarray, np.ndarray]:
         """Components of columns and loads along the rigid motions, (r, c) and (r, k)."""
-        bound: Any = self.fields.bound
+        bound = cast("ExactDifference", self.fields.bound)
         motions = self.fields.basis[:, -bound.rigid_motions :].T
         return motions @ self.fields.basis, motions @ self.response.loaded

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
@@ -105,7 +105,7 @@ def exact_arrays(
         )
     schur = (full.schur + full.schur.T) / 2
     terms = full.per_load.shape[1]
-    kernel: Any = problem.kernel
+    kernel = problem.kernel
     contact_of_motions = (
         np.zeros((len(schur), 0))
         if kernel is None

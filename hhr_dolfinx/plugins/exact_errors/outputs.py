@@ -7,7 +7,7 @@ B^T Λ, all of them as small as the contact surface.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from hhr_dolfinx.plugins.exact_errors.contact_response import CANCELLED
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.models.displacement import LinearDisplacement
 
 MOST_ENTRIES = 4_000_000
 """Entries of an output times contact conditions up to which its exact value is computed: 32 MB."""
@@ -71,7 +72,7 @@ class OutputDifference:
         )
 
     def errors(
-        self, fields: Any, answer: Answer, forces: np.ndarray, exact: np.ndarray
+        self, fields: LinearDisplacement, answer: Answer, forces: np.ndarray, exact: np.ndarray
     ) -> dict[str, float]:
         """Differences for an answer that converged, with the round-off of the subtraction.
 

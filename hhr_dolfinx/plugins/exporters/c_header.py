@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from hhr_dolfinx.plugins.pages.laws import laws_of
 from hhr_dolfinx.plugins.pages.packing import Packed
 from hhr_dolfinx.plugins.pages.records import RecordedFormula, Steps, Struct, kernel_data
 from hhr_dolfinx.warn import warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import KeptModel
 
 Tree = dict[str, Any]
 """Numbers and names of a model as JSON, see ``plugins.pages.arrays.contact_tree``."""
@@ -43,7 +46,7 @@ RECORDS = {
 """Types of the records of a kernel, by their names."""
 
 
-def write_c_header(path: str | Path, model: object) -> Path:
+def write_c_header(path: str | Path, model: KeptModel) -> Path:
     """Write a condensed model as a C header; its names begin with that of the file.
 
     Args:

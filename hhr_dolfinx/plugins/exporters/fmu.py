@@ -13,6 +13,7 @@ import tempfile
 import zipfile
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from hhr_dolfinx.errors import MissingPackageError, NotOfferedError
@@ -21,13 +22,16 @@ from hhr_dolfinx.plugins.exporters.c_header import Tree, box_of, c_header
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import KeptModel
+
 IDENTIFIER = "model"
 """Name of the unit's code, and of the prefix of its functions."""
 _SYSTEMS = {"Linux": ("linux", ".so"), "Darwin": ("darwin", ".dylib")}
 _MACHINES = {"arm64": "aarch64", "AMD64": "x86_64"}
 
 
-def write_fmu(path: str | Path, model: object, compiler: str = "cc") -> Path:
+def write_fmu(path: str | Path, model: KeptModel, compiler: str = "cc") -> Path:
     """Write a condensed model as an FMU.
 
     Args:

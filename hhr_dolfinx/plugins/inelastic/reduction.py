@@ -202,7 +202,7 @@ class OfInelasticBodies(OfHistories):
             yield "tangents", "not requested"
         yield from super().skipped(recipe)
 
-    def check(self, name: str, solutions: object) -> SnapshotSet:
+    def check(self, name: str, solutions: SnapshotSet | None) -> SnapshotSet:
         """Check solutions of inelastic bodies.
 
         Args:

@@ -29,7 +29,7 @@ class OfHistories(OfPoints):
         """Points have no answers to train on."""
         return family is not None
 
-    def check(self, name: str, solutions: object) -> SnapshotSet:
+    def check(self, name: str, solutions: SnapshotSet | None) -> SnapshotSet:
         """Refuse answers at single parameters, too.
 
         Args:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from mpi4py import MPI
@@ -42,8 +42,62 @@ from hhr_dolfinx.snapshots.records import (
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.timing import Announce, StageLog, lines_of, terminal_lines
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    from hhr_dolfinx.parameters import ParameterSpace, PointsLike
+    from hhr_dolfinx.reduction.reductor import Reducing, Reductor
+    from hhr_dolfinx.sampling import LatinHypercube, Sobol
+
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
+
+
+class ChosenQueries(Protocol):
+    """Record of a training that chose its queries."""
+
+    @property
+    def recipe(self) -> Recipe:
+        """Recipe of the models by whose errors it chose."""
+
+    @property
+    def points(self) -> np.ndarray:
+        """Points or paths that it chose."""
+
+
+class ChoosingTraining(Protocol):
+    """A training that chooses its queries itself, as ``Greedy`` does."""
+
+    def space(self, scene: Scene) -> ParameterSpace:
+        """Box of the points that are chosen; refuses a scene that it is not for."""
+
+    def grown(
+        self,
+        full: FullOrderModel,
+        solve: Callable[[np.ndarray | Sequence[LoadPath]], SnapshotSet],
+        comm: MPI.Comm,
+        progress: Callable[[Iterable], Iterable],
+        store: SnapshotStore | None,
+    ) -> tuple[SnapshotSet, ChosenQueries]:
+        """Training answers, and the record of their choice.
+
+        Args:
+            full: the full model.
+            solve: answers to points or paths.
+            comm: ranks that share candidates.
+            progress: progress bar of the choices.
+            store: keeps answers; None keeps nothing.
+        """
+
+
+TrainingLike: TypeAlias = (
+    "int | PointsLike | Sobol | LatinHypercube | Sequence[LoadPath] | ChoosingTraining"
+)
+"""Counts along each parameter of a grid, points, a sampling, load paths, or a training that chooses
+its queries.
+"""
+HeldOut: TypeAlias = "int | Sequence[LoadPath] | None"
+"""Number of parameters for the trust check, or paths; None for the default."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,7 +120,7 @@ class Training(Shown):
     snapshots: SnapshotSet
     held_out: SnapshotSet | None
     log: StageLog
-    choice: Any = None
+    choice: ChosenQueries | None = None
     read: int = 0
 
     def facts(self) -> dict[str, str]:
@@ -89,7 +143,11 @@ class Training(Shown):
         return replace(self, full_order=full, snapshots=snapshots, held_out=held_out)
 
     def build(
-        self, recipe: object = None, *, checked: bool = True, announce: Announce | None = None
+        self,
+        recipe: Recipe | Reductor | Reducing | None = None,
+        *,
+        checked: bool = True,
+        announce: Announce | None = None,
     ) -> Any:
         """Build a reduced model.
 
@@ -129,7 +187,7 @@ class Training(Shown):
         return partial(registry.load(import_paths[name]), self)
 
     def condense(
-        self, settings: object = None, announce: Announce | None = None
+        self, settings: DataclassInstance | Reductor | None = None, announce: Announce | None = None
     ) -> CondensedModel | KeptModel:
         """Build a model that keeps all contact conditions, with its check.
 
@@ -155,9 +213,9 @@ class Training(Shown):
 
 def train(
     scene: Scene,
-    training: object,
+    training: TrainingLike,
     *,
-    held_out: object = None,
+    held_out: HeldOut = None,
     seed: int = 1,
     folder: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
@@ -197,7 +255,7 @@ def train(
 
 
 def _trained(
-    scene: Scene, training: object, held_out: object, seed: int, folder: str | Path | None,
+    scene: Scene, training: TrainingLike, held_out: HeldOut, seed: int, folder: str | Path | None,
     group: ProcessGroup,
     march: MarchSettings, progress: Progress, together: bool | None,
 ) -> Training:  # fmt: skip
@@ -249,7 +307,7 @@ def _trained(
 
 
 def _full_model(
-    scene: Scene, group: ProcessGroup, together: bool | None, queries: object, log: StageLog
+    scene: Scene, group: ProcessGroup, together: bool | None, queries: TrainingLike, log: StageLog
 ) -> FullOrderModel:
     """A full model on each rank, or one distributed over all ranks.
 
@@ -311,7 +369,7 @@ def _solved(
     progress: Progress,
     store: SnapshotStore | None,
     march: MarchSettings,
-) -> tuple[SnapshotSet, Any]:  # fmt: skip
+) -> tuple[SnapshotSet, ChosenQueries | None]:  # fmt: skip
     """Training answers, and the record of a greedy choice; warns of queries without an answer."""
     lost = Lost()
     choice = None
@@ -351,12 +409,12 @@ class PartSolved(NamedTuple):
 
 def train_part(
     scene: Scene,
-    training: object,
+    training: TrainingLike,
     number: int,
     parts: int,
     folder: str | Path,
     *,
-    held_out: object = None,
+    held_out: HeldOut = None,
     seed: int = 1,
     comm: MPI.Comm = MPI.COMM_WORLD,
     march: MarchSettings = DEFAULT_MARCH,
@@ -408,7 +466,7 @@ def train_part(
     return PartSolved(counts[0], counts[1], group.total(store.found))
 
 
-def chooses_itself(training: object) -> bool:
+def chooses_itself(training: TrainingLike) -> bool:
     """True if a training chooses its queries itself, as ``Greedy`` does.
 
     Others do not import its module.
@@ -416,9 +474,7 @@ def chooses_itself(training: object) -> bool:
     return callable(getattr(training, "grown", None)) and not isinstance(training, type)
 
 
-def checked_training(
-    scene: Scene, training: Any, held_out: object, seed: object
-) -> tuple[Any, Any]:
+def checked_training(scene: Scene, training: Any, held_out: HeldOut, seed: int) -> tuple[Any, Any]:
     """Points or paths to train on; number of points, or paths, that are held out.
 
     Args:
