@@ -49,7 +49,8 @@ if TYPE_CHECKING:
     """
     Partitioner = Callable[[Comm, int, list[CellType], list[np.ndarray]], AdjacencyList_int32]
     """Ranks of cells for DOLFINx, from the number of ranks, kinds and corners of cells."""
-    Groups = list[tuple[str | int, tuple[int, int | tuple[int, ...]]]]
+    Group = tuple[int, int | tuple[int, ...]]
+    Groups = list[tuple[str | int, Group]]
 
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., object])

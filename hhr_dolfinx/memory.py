@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
-from hhr_dolfinx.plain import rebuilt
+from hhr_dolfinx.plain import Remade, rebuilt
 
 
 class Memory(Mapping[str, Any]):
@@ -42,7 +42,7 @@ class Memory(Mapping[str, Any]):
         ]
         return {name: number for count in counts for name, number in count.items()}
 
-    def __reduce__(self) -> tuple[Callable[..., Memory], tuple[type[Memory], Mapping[str, object]]]:
+    def __reduce__(self) -> Remade[Memory]:
         return rebuilt, (Memory, self._parts)
 
     def __repr__(self) -> str:

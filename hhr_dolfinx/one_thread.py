@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING
 from threadpoolctl import ThreadpoolController
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from threadpoolctl import _ThreadpoolLimiter
 
 
@@ -35,7 +33,7 @@ class _OneThread(ContextDecorator):
                 self._limit = self._libraries().limit(limits=1)
             self._blocks += 1
 
-    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         with self._lock:
             self._blocks -= 1
             if not self._blocks and self._limit is not None:

@@ -55,6 +55,8 @@ _REMEDY = (
 )
 _SHOWN = 60
 T = TypeVar("T")
+Remade = tuple[Callable[..., T], tuple[type[T], Mapping[str, object]]]
+"""Function, and its arguments, by which a value is copied and pickled."""
 
 
 _NO_KINDS: Mapping[str, type] = MappingProxyType({})
@@ -68,7 +70,7 @@ OF_THE_MESH = MappingProxyType({"kept": False, "copied": False})
 class Rebuilt:
     """A dataclass that is copied and pickled by its fields, without caches, factors and locks."""
 
-    def __reduce__(self) -> tuple[Callable[..., Self], tuple[type[Self], dict[str, object]]]:
+    def __reduce__(self) -> Remade[Self]:
         declared_fields = dataclasses.fields(self)  # type: ignore[arg-type]
         fields = [
             declared_field
@@ -284,7 +286,7 @@ class _Reader:
         self.arrays = arrays
         self.kinds = kinds
         self._of_the_mesh = of_the_mesh
-        self._made: dict[str, np.ndarray] = {}
+        self._made: dict[Json, np.ndarray] = {}
         self._zeros_left = FREE_ZEROS + ZEROS_PER_ENTRY * sum(map(np.size, arrays.values()))
         self._used: set[str] = set()
 
@@ -410,7 +412,7 @@ class _Reader:
         self._used.add(key)
         return _checked_array(key, self.arrays[key])
 
-    def _with_zeros(self, key: Any, shape: Json, order: Json) -> np.ndarray:
+    def _with_zeros(self, key: Json, shape: Json, order: Json) -> np.ndarray:
         """Array that a file stores without zeros; every reference gives the same object."""
         indices = self._array(f"{key}.places")
         values = self._array(f"{key}.values")

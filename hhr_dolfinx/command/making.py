@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.command.speaking import P, T, first_rank, resumable, spoken
@@ -22,13 +22,6 @@ if TYPE_CHECKING:
 
 with extra("study", "the command hhr"):
     import click
-
-
-class StatedSettings(Protocol):
-    """The ``SETTINGS`` in the file of a scene."""
-
-    training: TrainingLike
-    held_out: HeldOut
 
 
 class TrainOptions(TypedDict):
@@ -204,7 +197,7 @@ def settings_of(scene: str) -> Any:
     return value_of(stated, scene, "SETTINGS", kind)
 
 
-def training_of(how: dict[str, Any], settings: StatedSettings | None) -> TrainingLike:
+def training_of(how: dict[str, Any], settings: Any) -> TrainingLike:
     """Training by the options, else by the scene's file, else by 64 Sobol points.
 
     Args:

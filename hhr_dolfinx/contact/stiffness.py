@@ -19,8 +19,6 @@ from scipy.sparse import csc_matrix, csr_matrix, diags, spmatrix
 from hhr_dolfinx.contact.active_set import SchurEqualities
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.linear.sparse import FreeCholesky
 
@@ -156,7 +154,7 @@ class Lease:
         leased.lease = self
         return slot
 
-    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._before is None:
             self._store._leased.lease = None
             self._slot.lock.release()

@@ -7,7 +7,7 @@ failed.
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from dolfinx import mesh as dmesh
@@ -23,6 +23,9 @@ from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.warn import warn
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.compat import TaggedMesh
+
 SUPPORTED_CELLS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 """Supported cells, with their number of corners."""
 FOLDED = 1e-6
@@ -37,7 +40,7 @@ aspect 1e4.
 
 def build_geometry(
     scene: Scene, group: ProcessGroup
-) -> tuple[dmesh.Mesh, dmesh.MeshTags, dmesh.MeshTags, TagNames, Mapping[Tag, np.ndarray]]:
+) -> tuple[*TaggedMesh, TagNames, Mapping[Tag, np.ndarray]]:
     """Mesh, cell tags, facet tags, their names and sets of nodes.
 
     Args:

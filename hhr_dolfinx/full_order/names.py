@@ -12,7 +12,7 @@ from hhr_dolfinx.geometries.summary import Summary
 from hhr_dolfinx.parameters import Tag
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.compat import Groups
+    from hhr_dolfinx.compat import Group, Groups
 
 Sets = Mapping[Tag, tuple[int, ...]]
 
@@ -34,7 +34,7 @@ class TagNames:
     @classmethod
     def of(
         cls,
-        groups: Groups | Mapping[Tag, tuple[int, int | tuple[int, ...]]] | None,
+        groups: Groups | Mapping[Tag, Group] | None,
         dim: int,
         summary: Summary | None = None,
     ) -> TagNames:

@@ -13,7 +13,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Unpack, cast
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -22,7 +22,6 @@ from hhr_dolfinx.models.answer import Answer, ElasticFields, History, Path, Seve
 from hhr_dolfinx.models.histories.equilibrium import (
     DEFAULT_MARCH,
     FullEquilibrium,
-    ManyOptions,
     MarchSettings,
 )
 from hhr_dolfinx.models.histories.path import check_settings, checked_path
@@ -193,7 +192,7 @@ class FullModel(AnsweringModel, ElasticFields):
             )
         return self.stiffness.response
 
-    def solve_many(self, points: PointsLike, **how: Unpack[ManyOptions]) -> SeveralAnswers:
+    def solve_many(self, points: PointsLike, **how: Any) -> SeveralAnswers:
         """Answer many parameters, see :meth:`AnsweringModel.solve_many`; the same on all ranks.
 
         Args:

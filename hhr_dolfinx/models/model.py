@@ -42,13 +42,12 @@ from hhr_dolfinx.models.histories.equilibrium import (
     Equilibrium,
     Histories,
     MarchSettings,
-    SolveOptions,
     StepOptions,
 )
 from hhr_dolfinx.models.histories.path import checked_path
 from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.models.shown import SHOWN_NUMBERS, Shown, counted
-from hhr_dolfinx.plain import rebuilt
+from hhr_dolfinx.plain import Remade, rebuilt
 from hhr_dolfinx.trained import USUAL, Trained, TrainedRange, check_outside
 from hhr_dolfinx.warn import warn
 
@@ -424,9 +423,7 @@ class AnsweringModel(Shown):
         checked = checked_path(self.parameters, path)
         return self.follow(checked, settings)
 
-    def outputs(
-        self, mu: PointLike = NOTHING, *, gradient: bool = False, **how: Unpack[SolveOptions]
-    ) -> Outputs:
+    def outputs(self, mu: PointLike = NOTHING, *, gradient: bool = False, **how: Any) -> Outputs:
         """Outputs of the scene at one parameter.
 
         Args:
@@ -477,7 +474,7 @@ class KeptModel(AnsweringModel):
     def _arguments(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in (*self.kept, *self.handed_on)}
 
-    def __reduce__(self) -> tuple[Callable[..., Self], tuple[type[Self], dict[str, object]]]:
+    def __reduce__(self) -> Remade[Self]:
         """Copy and pickle by the arguments; the record of the construction is left out."""
         return rebuilt, (type(self), self._arguments())
 

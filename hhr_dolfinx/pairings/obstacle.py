@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,9 +21,6 @@ from hhr_dolfinx.pairings.surface import (
     warn_of_overlap,
 )
 from hhr_dolfinx.parameters import Tag, is_number
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.contact.law import PairLaw
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -28,15 +28,20 @@ from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichme
 from hhr_dolfinx.reduction.kinds import OfPoints, kind_of
 from hhr_dolfinx.reduction.projection import project, reduced_domain
 from hhr_dolfinx.reduction.recipe import Recipe, basis_of, chosen_nodes
-from hhr_dolfinx.reduction.reductor import Reductor, Task, as_reductor, compared, made, outcomes
+from hhr_dolfinx.reduction.reductor import (
+    RecipeLike,
+    Reductor,
+    Task,
+    as_reductor,
+    compared,
+    made,
+    outcomes,
+)
 from hhr_dolfinx.registry import Stage
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import Announce, StageLog, terminal_lines
 from hhr_dolfinx.trained import Trained
 from hhr_dolfinx.warn import repeat
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.reduction.reductor import Reducing
 
 Result = TypeVar("Result")
 
@@ -125,7 +130,7 @@ def usual_recipe(full: FullModel) -> Recipe:
 def build(
     full: FullModel,
     snapshots: SnapshotSet,
-    recipe: Recipe | Reductor | Reducing | None = None,
+    recipe: RecipeLike = None,
     held_out: SnapshotSet | None = None,
     announce: Announce | None = None,
 ) -> Any:

@@ -6,7 +6,7 @@ The baseline without reduction error while the stiffness is constant.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -19,10 +19,7 @@ from hhr_dolfinx.models.exact import ExactFields, SolvedFields
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.kinds import kind_of
-from hhr_dolfinx.reduction.reductor import Reductor, Task
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
+from hhr_dolfinx.reduction.reductor import CondensationSettings, Reductor, Task
 
 SOLVED_STATUSES = 64
 """Points whose statuses are solved in advance on S, without snapshots."""
@@ -37,9 +34,7 @@ class ExactCondensation(Reductor[Task]):
     own_range: ClassVar[bool] = True
 
     @classmethod
-    def usual(
-        cls, settings: DataclassInstance | Reductor | None, *, fields: bool | None
-    ) -> ExactCondensation:
+    def usual(cls, settings: CondensationSettings, *, fields: bool | None) -> ExactCondensation:
         """See :meth:`~hhr_dolfinx.reduction.reductor.Reductor.usual`; settings have no effect.
 
         Args:

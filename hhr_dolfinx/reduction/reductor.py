@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeAlias, TypeVar
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.certify.compare import Comparison
@@ -40,6 +40,8 @@ from hhr_dolfinx.trained import Trained, TrainedRange
 from hhr_dolfinx.warn import Warned, collected, repeat
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
     from hhr_dolfinx.reduction.recipe import Recipe
 
 EXACTNESS_SAMPLES = 2
@@ -207,6 +209,12 @@ class Reductor(ABC, Generic[Prepared]):
         attempts.
         """
         return 0.0
+
+
+RecipeLike: TypeAlias = "Recipe | Reductor | Reducing | None"
+"""A way to make a model; None for the default recipe of the scene."""
+CondensationSettings: TypeAlias = "DataclassInstance | Reductor | None"
+"""Settings of a condensation, or its reductor; None for the defaults."""
 
 
 @dataclass(eq=False)
@@ -456,7 +464,7 @@ class SingleAttempt(Reductor[Task]):
         return None, getattr(model, "trained", None)
 
 
-def as_reductor(given: Recipe | Reductor | Reducing | None) -> Reductor | None:
+def as_reductor(given: RecipeLike) -> Reductor | None:
     """A reductor, or an object with ``reduced``; None for anything else."""
     if isinstance(given, Reductor):
         return given

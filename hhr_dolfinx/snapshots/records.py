@@ -13,7 +13,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from hhr_dolfinx.certify.accuracy import force_floor, round_off_force
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ReductionError, TrainingWarning
 from hhr_dolfinx.group import ProcessGroup, group_of, share
-from hhr_dolfinx.models.answer import Answer, History, Path
+from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.shown import Shown, counted
 from hhr_dolfinx.models.starts import KnownStatuses
@@ -523,7 +523,7 @@ def spread_snapshots(
     return checked.gathered(local, full, group)
 
 
-NOWHERE: Any = None
+NOWHERE = cast("ModelFields", None)
 """Fields of an answer that is sent to another rank."""
 
 

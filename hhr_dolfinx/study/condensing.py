@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from mpi4py import MPI
 
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.reduction.kinds import kind_of
-from hhr_dolfinx.reduction.reductor import Task, condensing, made
+from hhr_dolfinx.reduction.reductor import CondensationSettings, Task, condensing, made
 from hhr_dolfinx.scene import Scene
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-    from hhr_dolfinx.reduction.reductor import Reductor
 
 
 def condense(
     scene: Scene | FullOrderModel,
-    settings: DataclassInstance | Reductor | None = None,
+    settings: CondensationSettings = None,
     *,
     fields: bool | None = None,
 ) -> CondensedModel:
@@ -58,7 +51,7 @@ def condense(
 
 def condensed(
     full: FullOrderModel,
-    settings: DataclassInstance | Reductor | None = None,
+    settings: CondensationSettings = None,
     *,
     fields: bool | None = None,
 ) -> CondensedModel:

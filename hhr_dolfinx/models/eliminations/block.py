@@ -141,7 +141,7 @@ class BlockElimination(Rebuilt, Elimination):
         self,
         point: np.ndarray,
         weights: np.ndarray,
-        factors: list[tuple[np.ndarray, np.ndarray]],
+        factors: list,
         forces: np.ndarray,
         unknown: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:

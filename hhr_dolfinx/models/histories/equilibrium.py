@@ -22,7 +22,7 @@ from hhr_dolfinx.trained import OUTSIDE
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import Answer, History, Model, Path, Start
+    from hhr_dolfinx.models.answer import Answer, History, Model, Path
     from hhr_dolfinx.models.functionals.functional import Functional
 
 
@@ -71,24 +71,11 @@ class Following(TypedDict, total=False):
     weights: np.ndarray | None  #: derivatives of the parameters at each time, (times, P)
 
 
-class ManyOptions(TypedDict, total=False):
-    """Further arguments of a solution, at one point or many."""
-
-    raise_on_failure: bool  #: raise instead of returning NaN and a status
-    outside: str  #: policy outside the training range
-
-
 class StepOptions(TypedDict, total=False):
     """Further arguments of a step from rest to a point."""
 
     duration: float  #: of the step in seconds, for laws of bodies with rates
     converged: bool  #: refine the path, for laws of contacts
-
-
-class SolveOptions(ManyOptions, StepOptions, total=False):
-    """Further arguments of a solution at one point."""
-
-    start: Start  #: start of the search
 
 
 class Histories(Protocol[Answering]):

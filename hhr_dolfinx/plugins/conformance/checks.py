@@ -9,7 +9,7 @@ from dataclasses import fields, is_dataclass, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -72,7 +72,9 @@ from hhr_dolfinx.testing import (
 from hhr_dolfinx.warn import ignored
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.loads import Load
     from hhr_dolfinx.models.condensed import CondensedModel
+    from hhr_dolfinx.outputs import Output
     from hhr_dolfinx.plugins.contact_laws.interface import Range
     from hhr_dolfinx.plugins.contact_laws.ranges import RangeSolver, RangeStep
     from hhr_dolfinx.reduction.reductor import Reducing, Reductor
@@ -364,8 +366,8 @@ def check_output(output: Output, parameters: Bounds | None = None) -> None:
     condensed_values = [value(condensed, point) for point in points]
     _require(_near(condensed_values, values, TESTED_ROUND_OFF), "condensed")
     for point in points[:6] if functional.differentiable else ():
-        answer: Any = full.outputs(point, gradient=True)
-        slopes = answer.gradient[output.name]
+        answer = full.outputs(point, gradient=True)
+        slopes = cast("dict[str, np.ndarray]", answer.gradient)[output.name]
         expected = space.differences(
             lambda there: np.array([value(full, there)]), point, TESTED_STEP
         )[0]

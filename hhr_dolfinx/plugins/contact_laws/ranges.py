@@ -13,7 +13,7 @@ nothing is proved with it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -154,10 +154,11 @@ class RangeStep:
         return np.abs(forces - stiffness * slack) <= near
 
 
+StateOfRange = TypeVar("StateOfRange")
 LawOfRange = TypeVar("LawOfRange", bound="ContactLaw")
 
 
-class RangeSolver(Generic[LawOfRange]):
+class RangeSolver(Generic[LawOfRange, StateOfRange]):
     """Base of the facet ``range``: a law of a plug-in on its rows, in a scene with other laws, or
     without memory.
 
@@ -203,7 +204,7 @@ class RangeSolver(Generic[LawOfRange]):
         raise NotImplementedError
 
     def difference(
-        self, off: float, ends: Sequence[Any], rows: np.ndarray, largest: float
+        self, off: float, ends: Sequence[StateOfRange], rows: np.ndarray, largest: float
     ) -> float:
         """Error of a step in two halves.
 

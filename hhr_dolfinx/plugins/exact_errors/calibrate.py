@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -17,6 +17,10 @@ from hhr_dolfinx.plugins.paths.compared import retraced
 from hhr_dolfinx.reduction.build import Draft
 from hhr_dolfinx.reduction.kinds import MOST_TRAINING_COMPARED
 from hhr_dolfinx.timing import StageLog
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.reconstruct import Reconstruction
+    from hhr_dolfinx.plugins.exact_errors.fitted import FittedForces
 
 CALIBRATED = 0.95
 """Part of the training increments whose error lies below the indicator of forces."""
@@ -62,10 +66,11 @@ def _calibrated(
             except HHRError:  # the comparison reports it
                 continue
             for predicted, exact in zip(marched.answers, history.answers, strict=True):
-                fields: Any = predicted.fields
-                forces_of_rid, *at = fields.indicating(predicted)
-                depth = max(depth, fields.interface.overlap(*at))
-                misfit = fields.interface.misfit(forces_of_rid)
+                fields = cast("Reconstruction", predicted.fields)
+                completion = cast("FittedForces", fields.interface)
+                forces_of_rid, slack, scale, memory = fields.indicating(predicted)
+                depth = max(depth, completion.overlap(slack, scale, memory))
+                misfit = completion.misfit(forces_of_rid)
                 size = float(np.linalg.norm(exact.multipliers))
                 if size > SMALL_FORCE * largest and misfit > UNEXPLAINED_FORCES:
                     shares.append(

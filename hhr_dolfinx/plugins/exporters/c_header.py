@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.model import KeptModel
+    from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
 
 Tree = dict[str, Any]
 """Numbers and names of a model as JSON, see ``plugins.pages.arrays.contact_tree``."""
@@ -70,7 +71,7 @@ def write_c_header(path: str | Path, model: KeptModel) -> Path:
     return Path(path)
 
 
-def c_header(model: Any, name: str) -> tuple[str, Tree]:
+def c_header(model: KeptModel, name: str) -> tuple[str, Tree]:
     """Text of a header in C, and the tree that it is made from.
 
     Args:
@@ -89,7 +90,7 @@ def c_header(model: Any, name: str) -> tuple[str, Tree]:
     arrays = Packed()
     tree = contact_tree(model, arrays)
     if tree["flow"]:  # a page may store it with fewer digits
-        arrays.put(tree["flow"]["per_force"], model.flow.per_force)
+        arrays.put(tree["flow"]["per_force"], cast("CondensedFlowModel", model).flow.per_force)
     count = sum(array.size for array in arrays.arrays.values())
     if count > MOST_HEADER_NUMBERS:
         raise NotOfferedError(

@@ -28,7 +28,14 @@ from hhr_dolfinx.parameters import check_counts, has_names, is_whole
 from hhr_dolfinx.reduction.build import build, not_by_rows, usual_recipe
 from hhr_dolfinx.reduction.kinds import kind_of
 from hhr_dolfinx.reduction.recipe import Recipe
-from hhr_dolfinx.reduction.reductor import Task, condensing, everywhere, made
+from hhr_dolfinx.reduction.reductor import (
+    CondensationSettings,
+    RecipeLike,
+    Task,
+    condensing,
+    everywhere,
+    made,
+)
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.records import (
     PROGRESS,
@@ -43,26 +50,11 @@ from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.timing import Announce, StageLog, lines_of, terminal_lines
 
 if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
     from hhr_dolfinx.parameters import ParameterSpace, PointsLike
-    from hhr_dolfinx.reduction.reductor import Reducing, Reductor
     from hhr_dolfinx.sampling import LatinHypercube, Sobol
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
-
-
-class ChosenQueries(Protocol):
-    """Record of a training that chose its queries."""
-
-    @property
-    def recipe(self) -> Recipe:
-        """Recipe of the models by whose errors it chose."""
-
-    @property
-    def points(self) -> np.ndarray:
-        """Points or paths that it chose."""
 
 
 class ChoosingTraining(Protocol):
@@ -78,7 +70,7 @@ class ChoosingTraining(Protocol):
         comm: MPI.Comm,
         progress: Callable[[Iterable], Iterable],
         store: SnapshotStore | None,
-    ) -> tuple[SnapshotSet, ChosenQueries]:
+    ) -> tuple[SnapshotSet, object]:
         """Training answers, and the record of their choice.
 
         Args:
@@ -120,7 +112,7 @@ class Training(Shown):
     snapshots: SnapshotSet
     held_out: SnapshotSet | None
     log: StageLog
-    choice: ChosenQueries | None = None
+    choice: Any = None
     read: int = 0
 
     def facts(self) -> dict[str, str]:
@@ -144,7 +136,7 @@ class Training(Shown):
 
     def build(
         self,
-        recipe: Recipe | Reductor | Reducing | None = None,
+        recipe: RecipeLike = None,
         *,
         checked: bool = True,
         announce: Announce | None = None,
@@ -187,7 +179,7 @@ class Training(Shown):
         return partial(registry.load(import_paths[name]), self)
 
     def condense(
-        self, settings: DataclassInstance | Reductor | None = None, announce: Announce | None = None
+        self, settings: CondensationSettings = None, announce: Announce | None = None
     ) -> CondensedModel | KeptModel:
         """Build a model that keeps all contact conditions, with its check.
 
@@ -369,7 +361,7 @@ def _solved(
     progress: Progress,
     store: SnapshotStore | None,
     march: MarchSettings,
-) -> tuple[SnapshotSet, ChosenQueries | None]:  # fmt: skip
+) -> tuple[SnapshotSet, Any]:  # fmt: skip
     """Training answers, and the record of a greedy choice; warns of queries without an answer."""
     lost = Lost()
     choice = None
