@@ -1,18 +1,12 @@
 """What is optional: a scene without it, how to get it, and where compiled functions are kept."""
 
-import importlib
-import logging
-import os
 import re
-import sys
-import tempfile
 import tomllib
 from pathlib import Path
 
 import pytest
 from bare import SCENE_FOLDERS, python
 from needs import present
-from numba.core import caching, config
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import HHRError, MissingPackageError
@@ -122,55 +116,3 @@ def test_a_package_that_is_there_and_broken_speaks_for_itself():
     with pytest.raises(ImportError, match="libGL") as caught, compat.extra("mesh", "this geometry"):
         raise ImportError("libGL.so.1: cannot open shared object file")
     assert caught.type is ImportError
-
-
-@pytest.fixture
-def twice(tmp_path, monkeypatch):
-    """A function of a file of its own, as numba's cache asks for.
-
-    Whoever reads the cache imports it by its name.
-    """
-    (tmp_path / "twice_of_a_test.py").write_text("def twice(x):\n    return 2 * x\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "twice_of_a_test", raising=False)
-    return importlib.import_module("twice_of_a_test").twice
-
-
-@pytest.fixture
-def nowhere(tmp_path, monkeypatch):
-    """Neither the package nor the user's own cache can be written; where temporary files are."""
-    monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [caching.UserProvidedCacheLocator])
-    monkeypatch.setattr(config, "CACHE_DIR", "")
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    return tmp_path / f"hhr_dolfinx-{os.getuid()}"
-
-
-def test_a_read_only_installation_compiles_once(twice, nowhere):
-    for hits in (0, 1):
-        function = compat.compiled()(twice)
-        assert function(2.0) == 4.0 and sum(function.stats.cache_hits.values()) == hits
-    assert (
-        list(nowhere.rglob("*.nbc"))
-        and nowhere.stat().st_mode & 0o077 == 0
-        and config.CACHE_DIR == ""
-    )
-
-
-def test_a_folder_that_others_write_to_is_no_cache(twice, nowhere):
-    nowhere.mkdir()
-    nowhere.chmod(0o777)
-    assert compat.compiled()(twice)(2.0) == 4.0 and not list(nowhere.iterdir())
-
-
-def test_whoever_waits_for_a_compiler_is_told(twice, nowhere, caplog):
-    for said in (1, 0):
-        caplog.clear()
-        function = compat.compiled(dear="multiples of two")(twice)
-        with caplog.at_level(logging.WARNING):
-            assert function(2.0) == 4.0 and function(3) == 6
-        told = [
-            record.message
-            for record in caplog.records
-            if "compiling multiples of two, once" in record.message
-        ]
-        assert len(told) == said

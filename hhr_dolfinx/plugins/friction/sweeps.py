@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx import compat
+from hhr_dolfinx import registry
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.friction.laws import Friction
@@ -59,7 +59,8 @@ def swept(
 
 @lru_cache(maxsize=1)
 def _kernel() -> Callable[..., None]:
-    kernel: Callable[..., None] = compat.compiled()(_sweep)
+    compiled = registry.offered("compiled")
+    kernel: Callable[..., None] = _sweep if compiled is None else compiled()(_sweep)
     return kernel
 
 

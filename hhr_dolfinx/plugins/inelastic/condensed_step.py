@@ -37,9 +37,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.contact.active_set import STATUS_TOLERANCE
 from hhr_dolfinx.plugins.inelastic.local_solver import MEMORY, Code, solve_points, subtract
+from hhr_dolfinx.plugins.ufl_programs.compiled import compiled
 
 EVALUATE, CONVERGED, STALLED, LIMIT, NOT_FINITE, CONTACT = range(6)
 """Evaluate the laws at the trial point, or the reason to stop."""

@@ -36,7 +36,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx.compat import compiled
+from hhr_dolfinx.plugins.ufl_programs.compiled import compiled
 from hhr_dolfinx.plugins.ufl_programs.machine import POINTS_IN_CACHE, run, set_numbers
 from hhr_dolfinx.plugins.ufl_programs.program import Program
 

@@ -11,7 +11,6 @@ import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.amplitudes import Theta
-from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
 from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
@@ -30,6 +29,7 @@ from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.strain import ElasticPart, StrainOperator
 from hhr_dolfinx.plugins.inelastic.trained import Signs, TrainedPaths
 from hhr_dolfinx.plugins.inelastic.update import Material
+from hhr_dolfinx.plugins.ufl_programs.compiled import compiled
 from hhr_dolfinx.trained import Trained
 
 if TYPE_CHECKING:

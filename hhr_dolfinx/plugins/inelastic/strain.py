@@ -13,8 +13,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.declared import Floats, Integers, Size
+from hhr_dolfinx.plugins.ufl_programs.compiled import compiled
 
 
 @dataclass(frozen=True)

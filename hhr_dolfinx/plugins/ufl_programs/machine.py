@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hhr_dolfinx.compat import compiled
+from hhr_dolfinx.plugins.ufl_programs.compiled import compiled
 from hhr_dolfinx.plugins.ufl_programs.graph import LARGEST_POWER
 from hhr_dolfinx.plugins.ufl_programs.program import CODES, Program
 

@@ -11,13 +11,13 @@ from test_flow_moduli import MATERIALS, push
 from tubes import tube
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
 from hhr_dolfinx.errors import ConvergenceError, OutsideTrainingError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.plugins.inelastic import condensed_step, small_strains
 from hhr_dolfinx.plugins.inelastic.condensed_flow import laws_of
 from hhr_dolfinx.plugins.inelastic.condensed_step import StepLoad, StepModel, WorkArrays, touch
+from hhr_dolfinx.plugins.ufl_programs.compiled import compiled
 
 pytestmark = pytest.mark.filterwarnings("ignore:no training solution has contact")
 
