@@ -68,8 +68,8 @@ class MeshFile:
     Example:
         >>> import meshio
         >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-        >>> meshio.write_points_cells("part.vtu", corners, {"triangle": np.array([[0, 1, 2]])})
-        >>> mesh = hhr.MeshFile("part.vtu", scale=1e-3).read()
+        >>> meshio.write_points_cells("part.msh", corners, {"triangle": np.array([[0, 1, 2]])})
+        >>> mesh = hhr.MeshFile("part.msh", scale=1e-3).read()
         >>> mesh.kind, len(mesh.points), list(mesh.bodies)
         ('triangle', 3, [1])
     """

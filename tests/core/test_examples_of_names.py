@@ -47,7 +47,7 @@ NAMES = {
     "Scene": (),
     "Shape": ("shapes",),
     "Sobol": (),
-    "Springs": ("nodal_loads",),
+    "Springs": ("nodal_loads", "elasticity"),
     "StressAt": ("stress",),
     "ThermalExpansion": ("volume_loads",),
     "Traction": (),
