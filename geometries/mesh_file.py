@@ -64,6 +64,14 @@ class MeshFile:
     Attributes:
         path: path of the file.
         scale: factor of the coordinates, for example 1e-3 for a file in mm and a scene in m.
+
+    Example:
+        >>> import meshio
+        >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+        >>> meshio.write_points_cells("part.msh", corners, {"triangle": np.array([[0, 1, 2]])})
+        >>> mesh = hhr.MeshFile("part.msh", scale=1e-3).read()
+        >>> mesh.kind, len(mesh.points), list(mesh.bodies)
+        ('triangle', 3, [1])
     """
 
     path: Path | str

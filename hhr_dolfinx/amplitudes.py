@@ -29,7 +29,14 @@ Numbers = TypeVar("Numbers", float, np.ndarray)
 
 @dataclass(frozen=True)
 class Amplitude(KnownArguments):
-    """Affine function of the parameters: ``constant + sum(slopes[name] * value of name)``."""
+    """Affine function of the parameters: ``constant + sum(slopes[name] * value of name)``.
+
+    Example:
+        >>> box = hhr.ParameterSpace(("push", "pull"), lower=(0.0, 0.0), upper=(10.0, 4.0))
+        >>> amplitude = hhr.Amplitude(constant=5.0, slopes={"push": 2.0})
+        >>> float(amplitude.constant + amplitude.row(box) @ box.point({"push": 3.0, "pull": 1.0}))
+        11.0
+    """
 
     constant: float = 0.0
     slopes: Mapping[str, float] = field(default_factory=dict)

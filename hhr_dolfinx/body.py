@@ -65,6 +65,12 @@ class Body(KnownArguments):
             strain, 3x3, that returns the stress, 3x3, with a symmetric stiffness. ``young`` and
             ``poisson`` are then typical values that do not enter the stiffness. None for Hooke's
             law.
+
+    Example:
+        >>> hhr.Body("valve", young="200e3 * (1 - 2e-4 * T)", poisson=0.3).young
+        '200e3 * (1 - 2e-4 * T)'
+        >>> hhr.Body.of("seat", "steel", hhr.Units("mm", "MPa")).young
+        210000.0
     """
 
     tag: Tag

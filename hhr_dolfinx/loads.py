@@ -103,6 +103,16 @@ class Traction(KnownArguments):
 
     The amplitude is a number, an :class:`Amplitude`, or a formula of the parameters as text, ``"0.6
     * speed**2"``.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> from dataclasses import replace
+        >>> from hhr_dolfinx.geometries import block
+        >>> pull = hhr.Traction(block.side(0, upper=True), direction=(0, 1), amplitude="0.1 * push")
+        >>> model = hhr.condense(replace(scene, loads=(*scene.loads, pull)))
+        >>> round(model.outputs({"push": 50.0})["peak"], 1)
+        48.7
     """
 
     tag: Tag
@@ -143,6 +153,12 @@ class Pressure(KnownArguments):
     """Pressure ``amplitude(mu)`` against the outer normal of tagged facets.
 
     The amplitude as that of a traction.
+
+    Example:
+        >>> hhr.Pressure("bore", 15.0)
+        Pressure(tag='bore', amplitude=Amplitude(constant=15.0, slopes={}))
+        >>> hhr.Pressure("bore", "p0 * (1 - leak)").amplitude.variables
+        ('p0', 'leak')
     """
 
     tag: Tag

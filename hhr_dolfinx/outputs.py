@@ -211,7 +211,17 @@ class OfContact(NamedOutput):
 
 @dataclass(frozen=True)
 class LargestPressure(OfContact):
-    """Largest contact pressure of a contact: force over tributary area."""
+    """Largest contact pressure of a contact: force over tributary area.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> from dataclasses import replace
+        >>> peak = hhr.LargestPressure("peak", contact=0, unit="MPa")
+        >>> model = hhr.condense(replace(scene, outputs=(peak,)))
+        >>> round(model.outputs({"push": 50.0})["peak"], 1)
+        56.5
+    """
 
     def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
@@ -228,6 +238,15 @@ class ContactForce(OfContact):
     Attributes:
         direction: direction of the component, of any length. In axisymmetry the first component
             sums radial forces around the whole turn.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> from dataclasses import replace
+        >>> lift = hhr.ContactForce("lift", contact=0, direction=(0, 1), unit="N/mm")
+        >>> model = hhr.condense(replace(scene, outputs=(lift,)))
+        >>> round(model.outputs({"push": 50.0})["lift"], 1)
+        68.5
     """
 
     vectors: ClassVar[tuple[str, ...]] = ("direction",)
@@ -344,6 +363,15 @@ class DisplacementAt(NamedOutput):
         place: coordinates of the point.
         component: 0, 1 or 2.
         tag: cell tag of the body, if several bodies have nodes at the point.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> from dataclasses import replace
+        >>> sag = hhr.DisplacementAt("sag", place=(2, 1), component=1, unit="mm")
+        >>> model = hhr.condense(replace(scene, outputs=(sag,)))
+        >>> round(1e3 * model.outputs({"push": 50.0})["sag"], 2)
+        -0.33
     """
 
     vectors: ClassVar[tuple[str, ...]] = ("place",)

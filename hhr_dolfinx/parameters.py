@@ -219,6 +219,13 @@ class ParameterSpace(KnownArguments):
         names: one name per parameter.
         lower: smallest value of each parameter, in its unit.
         upper: largest value of each parameter.
+
+    Example:
+        >>> box = hhr.ParameterSpace(("push", "pull"), lower=(0.0, 0.0), upper=(10.0, 4.0))
+        >>> box.point({"pull": 1.0, "push": 2.0})
+        array([2., 1.])
+        >>> box.middle, box.grid([5, 3]).shape
+        (array([5., 2.]), (15, 2))
     """
 
     names: Annotated[tuple[str, ...], "P"]

@@ -53,7 +53,14 @@ class _Sampling:
 
 @dataclass(frozen=True)
 class Sobol(_Sampling):
-    """Scrambled Sobol points: uniform in all projections; counts that are powers of 2 are best."""
+    """Scrambled Sobol points: uniform in all projections; counts that are powers of 2 are best.
+
+    Example:
+        >>> box = hhr.ParameterSpace(("push", "pull"), lower=(0.0, 0.0), upper=(10.0, 4.0))
+        >>> points = hhr.Sobol(8, seed=1, corners=True).points(box)
+        >>> points.shape, points[3]
+        ((12, 2), array([10.,  4.]))
+    """
 
     def _unit(self, dimension: int) -> np.ndarray:
         from scipy.stats import qmc

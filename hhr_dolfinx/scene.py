@@ -62,6 +62,13 @@ class Displacement(KnownArguments):
             Coordinates are those of the given mesh, before any change of shape. A rotation about
             the axis z is ``Displacement(tag, 0, angle, "-y")`` and ``Displacement(tag, 1, angle,
             "x")``.
+
+    Example:
+        >>> [support.component for support in hhr.Displacement.clamp("floor", 2)]
+        [0, 1]
+        >>> turned = hhr.Displacement("end", 0, "angle", field="-y")
+        >>> turned.at(np.array([[0.0, 2.0], [0.0, 3.0]]), "plane_strain")
+        array([-2., -3.])
     """
 
     tag: Tag | Place
@@ -131,6 +138,14 @@ class Opening(KnownArguments):
         amplitude: added gap.
         overwrites: True if it is the whole gap, whatever the mesh has between the surfaces, as a
             ``*CLEARANCE``.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> from dataclasses import replace
+        >>> lowered = hhr.Opening(contact=0, amplitude=hhr.Amplitude(slopes={"push": 1e-5}))
+        >>> float(replace(scene, openings=(lowered,)).opened(contact=0, point=np.array([50.0])))
+        0.0005
     """
 
     contact: int
@@ -171,6 +186,30 @@ class Scene(KnownArguments):
             are ignored.
         constraints: equations between displacements, each an item that the tool ``constraints``
             reads, such as ties, which a plug-in adds.
+
+    Example:
+        >>> from hhr_dolfinx.geometries import block
+        >>> scene = hhr.Scene(
+        ...     name="pad",
+        ...     geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(2, 1), cells=(8, 4)),
+        ...     hypothesis="plane_strain",
+        ...     bodies=(hhr.Body(block.SOLID, young=210e3, poisson=0.3),),
+        ...     contacts=(hhr.Obstacle(block.side(1, upper=False), normal=(0, -1), offset=1e-4),),
+        ...     parameters=hhr.ParameterSpace(("push",), lower=(0.0,), upper=(100.0,)),
+        ...     displacements=hhr.Displacement.clamp(block.side(0, upper=False), 2),
+        ...     loads=(hhr.Pressure(block.side(1, upper=True), "push"),),
+        ...     outputs=(hhr.LargestPressure("peak", contact=0, unit="MPa"),),
+        ...     units=hhr.Units("mm", "MPa"),
+        ...     parameter_units={"push": "MPa"},
+        ... )
+        >>> print(scene)
+        Scene 'pad', plane strain, in mm and MPa
+          body 1: young 210000.0, poisson 0.3
+          contact 0: Obstacle of 20
+          displacements: Displacement of 10, Displacement of 10
+          loads: Pressure of 21
+          parameter push: 0 to 100 MPa
+          outputs: peak
     """
 
     name: str

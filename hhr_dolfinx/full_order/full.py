@@ -57,6 +57,16 @@ class FullOrderModel(FullModel):
     Raises:
         SceneError: for an invalid scene, or one that cannot be built.
         NotSolvableError: for bodies that can move freely.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> full = hhr.FullOrderModel(scene)
+        >>> answer = full.solve({"push": 50.0})
+        >>> answer.status.value, round(answer.outputs()["peak"], 1)
+        ('the statuses satisfy all contact conditions', 56.5)
+        >>> answer.displacement().shape, answer.forces().shape
+        ((90,), (8,))
     """
 
     exact = True

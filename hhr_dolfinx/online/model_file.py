@@ -115,6 +115,13 @@ def save_model(path: str | Path, model: KeptModel) -> None:
 
     Warns:
         ModelFileWarning: if the model has an indicator.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> hhr.save_model("pad.npz", hhr.condense(scene))
+        >>> round(hhr.load_model("pad.npz").outputs({"push": 50.0})["peak"], 1)
+        56.5
     """
     if not isinstance(model, KeptModel):
         is_model = isinstance(model, AnsweringModel)
@@ -150,6 +157,16 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> KeptModel:
             an unknown class.
         MissingPackageError: if a package that its classes need is missing, such as the compiler of
             their loops.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> hhr.save_model("pad.npz", hhr.condense(scene))
+        >>> model = hhr.load_model("pad.npz")
+        >>> model
+        <CondensedModel: 1 parameter (push), 8 contact conditions, exact>
+        >>> model.solve({"push": 50.0}).forces().shape
+        (8,)
     """
     if isinstance(known, type | str) or not isinstance(known, Iterable):
         raise ModelFileError(

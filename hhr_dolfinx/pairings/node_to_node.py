@@ -36,6 +36,11 @@ class NodeToNode(KnownArguments):
             plug-in reads it.
         law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None
             without.
+
+    Example:
+        >>> pair = hhr.NodeToNode(first="pellet", second="cladding", normal=(1, 0), friction=0.2)
+        >>> pair.tags, pair.normal
+        (('pellet', 'cladding'), (1, 0))
     """
 
     first: Tag

@@ -37,6 +37,17 @@ class Obstacle(KnownArguments):
             plug-in reads it.
         law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None
             without.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> from dataclasses import replace
+        >>> from hhr_dolfinx.geometries import block
+        >>> side = block.side(1, upper=False)
+        >>> floor = hhr.Obstacle(side, normal=(0, -1), offset=1e-4, friction=0.3)
+        >>> model = hhr.condense(replace(scene, contacts=(floor,)))
+        >>> round(model.outputs({"push": 50.0})["peak"], 1)
+        85.2
     """
 
     surface: Tag

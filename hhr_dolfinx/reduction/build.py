@@ -165,6 +165,16 @@ def build(
         StabilityWarning: if a check is close to its limit, or no training answer has contact or
         shows laws of bodies. UncheckedWarning: if the model was not compared with validation
         answers.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> full = hhr.FullOrderModel(scene)
+        >>> snapshots = hhr.compute_snapshots(full, scene.parameters.grid([65]))
+        >>> held_out = hhr.compute_snapshots(full, scene.parameters.random(20, seed=1))
+        >>> model = hhr.build(full, snapshots, held_out=held_out)
+        >>> round(model.outputs({"push": 50.0})["peak"], 1)
+        56.5
     """
     if not isinstance(full, FullModel):
         raise ReductionError(f"{full!r} is no full model: give FullOrderModel(scene)")

@@ -360,6 +360,11 @@ class Rid:
     Attributes:
         layers: layers of cells added around it.
         most_layers: layers up to which it may grow if the trust check fails.
+
+    Example:
+        >>> recipe = hhr.Recipe(domain=hhr.Rid(layers=1, most_layers=3))
+        >>> recipe.as_it_is().domain
+        Rid(layers=1, most_layers=1)
     """
 
     layers: int = 2
@@ -381,6 +386,12 @@ class Enrich:
 
     Attributes:
         kappa_max: kappa(B~) down to which functions are added.
+
+    Example:
+        >>> hhr.Recipe().enrichment
+        Enrich(kappa_max=3.0)
+        >>> hhr.Recipe(enrichment=hhr.Enrich(kappa_max=10.0)).described()["enrichment"]
+        {'step': 'Enrich', 'kappa_max': 10.0}
     """
 
     kappa_max: float = 3.0
@@ -424,6 +435,13 @@ class Recipe(metaclass=_Named):
         cone: whether forces outside the RID are combinations of training forces, (1.70), even if a
             bound has S. With S forces close their gaps: more exact, and fifty times as fast on the
             pellet.
+
+    Example:
+        >>> recipe = hhr.Recipe(basis=hhr.Pod(1e-9, relative=True), domain=hhr.Rid(layers=1))
+        >>> recipe.described()["domain"]
+        {'step': 'Rid', 'layers': 1, 'most_layers': 4}
+        >>> hhr.Recipe.thesis(1e-8).enrichment
+        Enrich(kappa_max=10.0)
     """
 
     basis: Basis = Pod(1e-13, relative=True)

@@ -43,6 +43,14 @@ def condense(
     Warns:
         StabilityWarning: if a grid spent its budget before it converged.
         SmallStrainWarning: if strains or rotations are large in a corner of the box.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> model = hhr.condense(scene)
+        >>> outputs = model.outputs({"push": 50.0}, gradient=True)
+        >>> round(outputs["peak"], 1), outputs.gradient["peak"].round(2)
+        (56.5, array([1.06]))
     """
     full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
     model = condensed(full, settings, fields=fields)

@@ -4,7 +4,6 @@ Figures of README.
 """
 
 import ast
-import doctest
 import functools
 import graphlib
 import importlib
@@ -14,7 +13,6 @@ import sys
 from pathlib import Path
 
 import figures
-import numpy as np
 import pytest
 from bare import SCENE_FOLDERS, python
 from mpi4py import MPI
@@ -305,14 +303,6 @@ def test_what_is_not_loaded_exists():
     assert {name for name in ours if ".plugins." not in name or present(name.split(".")[2])} <= set(
         MODULES
     )
-
-
-@pytest.mark.parametrize(
-    "name", ["reduction.modes", pytest.param("plugins.paths.path_families", marks=needs("paths"))]
-)
-def test_examples_in_docstrings(name):
-    found = doctest.testmod(importlib.import_module(f"hhr_dolfinx.{name}"), extraglobs={"np": np})
-    assert found.attempted and not found.failed
 
 
 def test_values_are_assigned_one_by_one():

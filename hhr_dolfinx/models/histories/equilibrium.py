@@ -242,6 +242,17 @@ class MarchSettings:
         time_error: estimate the error of the time steps of inelastic bodies by a second solution in
             half steps, which takes twice the time of the history; with a time tolerance there is an
             estimate in any case.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> from dataclasses import replace
+        >>> floor = replace(scene.contacts[0], friction=0.3)
+        >>> model = hhr.condense(replace(scene, contacts=(floor,)))
+        >>> path = [(0.0, {"push": 0.0}), (1.0, {"push": 25.0}), (2.0, {"push": 50.0})]
+        >>> history = model.march(path, hhr.MarchSettings(gradient=True))
+        >>> history.answers[-1].outputs().gradient["peak"].round(1)
+        array([1.6])
     """
 
     search: str = "frozen"

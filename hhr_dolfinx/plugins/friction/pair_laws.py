@@ -119,6 +119,11 @@ class Coulomb(_Tangential):
         coefficient: not negative; a number, or an expression of the parameters.
         limit: largest shear stress at any pressure, in the unit of stress; a number or an
             expression; None for no limit.
+
+    Example:
+        >>> law = hhr.Coulomb("mu", limit=80.0)
+        >>> hhr.Obstacle("shoe", normal=(0, -1), offset=0.0, law=law).law.words
+        'friction mu, shear stress up to 80.0'
     """
 
     coefficient: float | str
@@ -141,6 +146,11 @@ class Tresca(_Tangential):
     Attributes:
         limit: shear stress, not negative, in the unit of stress; a number, or an expression of the
             parameters.
+
+    Example:
+        >>> law = hhr.Tresca(limit="0.5 * yield_stress")
+        >>> hhr.Obstacle("sheet", normal=(0, -1), offset=0.0, law=law).law.words
+        'shear stress up to 0.5 * yield_stress'
     """
 
     limit: float | str

@@ -82,8 +82,9 @@ def fitted(
         ReductionError: for rows that are not finite.
 
     Example:
-        >>> fitted(np.array([[1.0, 1.0, 1.0], [0.0, 1.0, 2.0]]), 1e-10)
-        Cubature(points=array([1]), weights=array([3.]), misfit=0.0)
+        >>> found = fitted(np.array([[1.0, 1.0, 1.0], [0.0, 1.0, 2.0]]), 1e-10)
+        >>> found.points, found.weights.round(9), found.misfit < 1e-10
+        (array([1]), array([3.]), True)
     """
     lengths = np.sqrt(np.einsum("rp,rp->p", rows, rows))
     if not np.isfinite(lengths).all():

@@ -89,7 +89,10 @@ class Plasticity(_Stated):
         hardening: H >= 0.
 
     Example:
-        >>> Plasticity("table(T, 20, 300, 600, 180)", hardening="H").yield_stress
+        >>> law = hhr.Plasticity(250.0, hardening=1e3)
+        >>> law.yield_stress + law.hardening * 0.02
+        270.0
+        >>> hhr.Plasticity("table(T, 20, 300, 600, 180)", hardening="H").yield_stress
         'table(T, 20, 300, 600, 180)'
     """
 
@@ -220,6 +223,13 @@ class Norton(_Stated):
     Attributes:
         resistance: K, in stress times s^(1/m).
         exponent: m >= 1.
+
+    Example:
+        >>> law = hhr.Norton(resistance=900.0, exponent=5.0)
+        >>> round((90.0 / law.resistance) ** law.exponent, 8)
+        1e-05
+        >>> hhr.Body("rod", young=200e3, poisson=0.3, law=law).law
+        Norton(resistance=900.0, exponent=5.0)
     """
 
     resistance: float | str

@@ -73,6 +73,11 @@ class Mortar(SlaveAndMaster):
             plug-in reads it.
         law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None
             without.
+
+    Example:
+        >>> pair = hhr.Mortar(slave="shoe", master="disc", friction=hhr.Coulomb(0.3, limit=50.0))
+        >>> pair.tags, pair.multipliers
+        (('shoe', 'disc'), 'dual')
     """
 
     normal: tuple[float, ...] | None = None

@@ -36,6 +36,13 @@ class Nodes(KnownArguments):
     Attributes:
         where: function of coordinates, (dim, n), as of DOLFINx' ``locate_dofs_geometrical``, which
             returns (n,) bool. Coordinates are those of the given mesh, before any change of shape.
+
+    Example:
+        >>> points = np.array([[0.0, 0.0], [0.0, 1.0], [2.0, 1.0]])
+        >>> hhr.Nodes(lambda x: np.isclose(x[0], 0)).nodes(points)
+        array([0, 1])
+        >>> hhr.Nodes.near((2.1, 1.0)).nodes(points)
+        array([2])
     """
 
     where: Callable[[np.ndarray], np.ndarray]
@@ -183,6 +190,17 @@ class Springs(KnownArguments):
             parameters as text.
         bedding: True if k is one per area of the tagged facets, divided among their nodes by their
             areas.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> from dataclasses import replace
+        >>> from hhr_dolfinx.geometries import block
+        >>> side = block.side(0, upper=True)
+        >>> spring = hhr.Springs(side, component=1, modulus=2e4, bedding=True)
+        >>> model = hhr.condense(replace(scene, loads=(*scene.loads, spring)))
+        >>> round(model.outputs({"push": 50.0})["peak"], 1)
+        49.0
     """
 
     place: Tag | Place

@@ -86,6 +86,11 @@ class NodeToSurface(SlaveAndMaster):
             CalculiX has them, instead of means around nodes. The end of a body presses at its nodes
             then; pressures at single nodes vary. Nodes in the middle of faces have no condition: on
             hexahedra this needs ``Serendipity()``, or faces pass there.
+
+    Example:
+        >>> pair = hhr.NodeToSurface(slave="punch", master="sheet", friction="mu")
+        >>> pair.tags, pair.normal is None
+        (('punch', 'sheet'), True)
     """
 
     normal: tuple[float, ...] | None = None

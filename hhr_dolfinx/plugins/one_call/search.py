@@ -168,6 +168,15 @@ def reduce(
 
     Warns:
         StabilityWarning: if the target is not met.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> model = hhr.reduce(scene, error=0.01, of="pressure")
+        >>> round(model.outputs({"push": 50.0})["peak"], 1)
+        56.5
+        >>> model.reduction.met, model.reduction.tried[model.reduction.chosen].method
+        (True, 'condensed')
     """
     check_counts(seed=(seed, 0))
     if not isinstance(budget, Budget):

@@ -134,11 +134,11 @@ class PathFamily:
             outside the box of the scene, a negative duration, a value that is not finite.
 
     Example:
-        >>> space = ParameterSpace(("load", "gap"), (0.0, 0.0), (450.0, 0.02))
-        >>> own = ParameterSpace(("gap", "hold"), (5.0, 0.0), (15.0, 10.0))
+        >>> space = hhr.ParameterSpace(("load", "gap"), (0.0, 0.0), (450.0, 0.02))
+        >>> own = hhr.ParameterSpace(("gap", "hold"), (5.0, 0.0), (15.0, 10.0))
         >>> start = {"load": 0.0, "gap": "1e-3 * gap"}
-        >>> legs = Leg({"load": 450.0}, 1.0, 40), Leg({}, "hold", 10)
-        >>> family = PathFamily("held", space, own, start, legs)
+        >>> legs = hhr.Leg({"load": 450.0}, 1.0, 40), hhr.Leg({}, "hold", 10)
+        >>> family = hhr.PathFamily("held", space, own, start, legs)
         >>> family.path({"gap": 10.0, "hold": 2.0})
         <path 'held (gap = 10, hold = 2)': 51 times to 3 s>
     """

@@ -54,6 +54,14 @@ def write_fields(path: str | Path, full: AnsweringModel, answer: Answer | Histor
         FileError: for another ending, or a VTK that cannot write it.
         SceneError: on several ranks, or for a model without a mesh, such as a copy.
         NotOfferedError: for a model from a file without the mesh beside it.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> full = hhr.FullOrderModel(scene)
+        >>> answer = full.solve({"push": 50.0})
+        >>> [path.name for path in hhr.write_fields("pad.vtu", full, answer)]
+        ['pad.vtu']
     """
     path = Path(path)
     if path.suffix not in FIELD_ENDINGS:

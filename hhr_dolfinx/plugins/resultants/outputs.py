@@ -21,8 +21,13 @@ class ContactArea(ContactWidth):
     steps of a cell. In axisymmetry it is the area of the whole turn. ``ContactWidth`` is the same.
 
     Example:
-        >>> ContactArea("contact area", contact=0, unit="mm2").contact
-        0
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> from dataclasses import replace
+        >>> width = hhr.ContactArea("width", contact=0, unit="mm")
+        >>> model = hhr.condense(replace(scene, outputs=(width,)))
+        >>> round(model.outputs({"push": 50.0})["width"], 3)
+        1.625
     """
 
 
@@ -39,8 +44,13 @@ class CentreOfPressure(OfContact):
         SceneError: for another component.
 
     Example:
-        >>> CentreOfPressure("x of the force", contact=0, component=0, unit="mm").component
-        0
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> from dataclasses import replace
+        >>> centre = hhr.CentreOfPressure("centre", contact=0, component=0, unit="mm")
+        >>> model = hhr.condense(replace(scene, outputs=(centre,)))
+        >>> round(model.outputs({"push": 50.0})["centre"], 2)
+        1.34
     """
 
     component: int

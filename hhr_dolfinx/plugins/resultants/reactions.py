@@ -46,8 +46,15 @@ class Reaction(NamedOutput):
         SceneError: for a direction, point or axis that the kind does not take or lacks.
 
     Example:
-        >>> Reaction("lift", tag="floor", direction=(0, 1), unit="N/mm").kind
-        'force'
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> from dataclasses import replace
+        >>> from hhr_dolfinx.geometries import block
+        >>> held = hhr.Reaction("held", block.side(0, upper=False), direction=(0, 1), unit="N/mm")
+        >>> lift = hhr.ContactForce("lift", contact=0, direction=(0, 1), unit="N/mm")
+        >>> outputs = hhr.condense(replace(scene, outputs=(held, lift))).outputs({"push": 50.0})
+        >>> round(outputs["held"], 1), round(outputs["held"] + outputs["lift"], 6)
+        (31.5, 100.0)
     """
 
     vectors: ClassVar[tuple[str, ...]] = ("direction", "about", "axis")

@@ -27,8 +27,10 @@ class Shape:
             that is ``t`` times as high is ``("x", "t * y")``.
 
     Example:
-        >>> Shape(1, ("x", "y * (1 + c * x**2)")).coordinates[0].text
-        'x'
+        >>> curved = hhr.Shape("pad", ("x", "y * (1 + c * x**2)"))
+        >>> curved.moved(np.array([[0.0, 1.0], [2.0, 1.0]]), ("x", "y"), {"c": 0.1})
+        array([[0. , 1. ],
+               [2. , 1.4]])
     """
 
     tag: Tag

@@ -23,6 +23,16 @@ class VonMises(NamedOutput):
         kind: ``max``, or ``mean`` over the volume.
         where: two corners of a box, for the cells whose middle lies inside; None for the whole
             body.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> from dataclasses import replace
+        >>> from hhr_dolfinx.geometries import block
+        >>> mean = hhr.VonMises("mean", block.SOLID, kind="mean", unit="MPa")
+        >>> model = hhr.condense(replace(scene, outputs=(mean,)))
+        >>> round(model.outputs({"push": 50.0})["mean"], 1)
+        41.8
     """
 
     tag: Tag
@@ -95,8 +105,14 @@ class StressAt(NamedOutput):
         SceneError: for an unknown component.
 
     Example:
-        >>> StressAt("notch", (0.0, 1.0), "principal_1", tag=1, unit="MPa").component
-        'principal_1'
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> from dataclasses import replace
+        >>> from hhr_dolfinx.geometries import block
+        >>> bending = hhr.StressAt("bending", (0.0, 1.0), "xx", tag=block.SOLID, unit="MPa")
+        >>> model = hhr.condense(replace(scene, outputs=(bending,)))
+        >>> round(model.outputs({"push": 50.0})["bending"], 1)
+        27.0
     """
 
     vectors: ClassVar[tuple[str, ...]] = ("place",)

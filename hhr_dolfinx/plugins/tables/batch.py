@@ -130,6 +130,15 @@ def answer_points(
     Raises:
         ParameterError: if ``points`` is no table of points, or ``outside`` is unknown.
         HHRError: on all ranks, if anything but a row failed on another rank.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> answers = hhr.answer_points(hhr.condense(scene), [[10.0], [50.0]])
+        >>> answers.status, answers.forces.shape
+        (['ok', 'ok'], (2, 8))
+        >>> answers.outputs["peak [MPa]"].round(1)
+        array([15. , 56.5])
     """
     group = ALONE if comm is None else group_of(comm)
     with group.each("answering the table"):

@@ -201,6 +201,11 @@ class ThermalExpansion(KnownArguments):
             as text.
         field: distribution of the temperature, a function of the UFL coordinates that returns a UFL
             scalar; None for 1.
+
+    Example:
+        >>> heat = hhr.ThermalExpansion("pellet", expansion=1e-5, temperature="T - 20")
+        >>> round(float(heat.amplitude({"T": 120.0})), 6)
+        0.001
     """
 
     tag: Tag

@@ -240,6 +240,15 @@ def train(
     Raises:
         StudyError: for an invalid training, number of answers, seed or folder, before anything is
             computed.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> training = hhr.train(scene, hhr.Sobol(64))
+        >>> model = training.build()
+        >>> answer = model.solve({"push": 50.0})
+        >>> round(answer.outputs()["peak"], 1), answer.estimate().kind
+        (56.5, 'bound')
     """
     group = group_of(comm)
     with group.together("a training"):  # a full disk or a warning that is an error may end one rank
