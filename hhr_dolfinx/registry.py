@@ -153,7 +153,8 @@ class Plugin:
 def installed() -> Mapping[str, Plugin]:
     """Plug-ins by name, those of this package first.
 
-    A PluginWarning names each one that is left out, and the reason.
+    A PluginWarning names each one that is left out, and the reason; errors of a plug-in are not
+    raised.
 
     Left out are plug-ins that cannot be loaded, lack a plug-in that they need, or register what
     another one has.

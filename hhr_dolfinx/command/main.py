@@ -41,7 +41,7 @@ class Commands(click.Group):
 
         Returns:
             The command, or None; for a plug-in whose command cannot be loaded, one that reports the
-            error.
+            error, which is not raised here.
         """
         if cmd_name in self.commands:
             return self.commands[cmd_name]
