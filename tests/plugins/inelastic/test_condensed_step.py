@@ -69,7 +69,7 @@ def test_statuses_are_those_of_the_active_set():
                 np.abs(work.forces - expected.forces).max() / max(expected.forces.max(), 1e-300),
             )
             # a rigid motion along with the gaps changes nothing: slack + moved g with g = 1
-            shifted = arrays._replace(moved=np.outer(slack, [1.0, 0.0]))
+            shifted = arrays._replace(contact_of_modes=np.outer(slack, [1.0, 0.0]))
             work.there[:] = (-0.5, 0.0)
             assert touch(shifted, contact_load(slack / 2), work)
             assert work.forces == pytest.approx(
