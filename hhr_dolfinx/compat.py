@@ -411,7 +411,6 @@ def quadrature(cell: str, degree: int) -> tuple[np.ndarray, np.ndarray]:
         cell: name of the cell.
         degree: degree of the rule.
     """
-
     import basix
 
     return basix.make_quadrature(basix.CellType[cell], degree)
@@ -433,7 +432,6 @@ def shape_functions(
 
 def topology(cell: str) -> tuple[list[list[int]], list[list[int]]]:
     """Corners of the edges and of the faces of a reference cell, in the order of DOLFINx."""
-
     import basix
 
     entities = basix.topology(basix.CellType[cell])
@@ -452,7 +450,6 @@ def nodes_of_cell(cell: str, degree: int) -> np.ndarray:
 
 def _lagrange(cell: str, degree: int) -> LagrangeElement:
     """The default Lagrange element of DOLFINx: up to degree 2 all variants have the same nodes."""
-
     import basix
 
     variant = basix.LagrangeVariant.gll_warped

@@ -124,7 +124,8 @@ class Factors:
             if not self._inverted:
                 return False
             with self.left() as inverse:  # its last pivot is one over its last entry or larger
-                smallest = min(smallest, 1 / np.diagonal(inverse).max(initial=0.0))
+                # np.minimum, unlike min, keeps NaN, which is not regular
+                smallest = np.minimum(smallest, 1 / np.diagonal(inverse).max())
         return bool(smallest > FAR_FROM_ROUND_OFF * largest > 0)
 
     def _closed(self) -> bool:

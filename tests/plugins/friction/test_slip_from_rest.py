@@ -17,7 +17,7 @@ OUTPUTS = (hhr.LargestSlip("slip", 0), hhr.DissipatedWork("work", 0), hhr.SlipAr
 END = np.array([0.03, 0.08])
 
 
-def marched(model, count, start=0.0):
+def marched(model, count):
     """Outputs at the end of a straight path from rest in some increments."""
     path = [(k / count, END * k / count) for k in range(count + 1)]
     return model.march(path).answers[-1].outputs()
