@@ -130,6 +130,15 @@ def test_a_matrix_that_is_singular_between_them_is_refused():
         factors(np.arange(55, 85), csr_matrix(values))
 
 
+@pytest.mark.parametrize("place", [LAST[0], LAST[-1], 5])
+def test_entries_that_are_no_numbers_are_refused(place):
+    """Pivots before them are far from round-off."""
+    values = MATRIX.toarray()
+    values[place, place] = np.nan
+    with pytest.raises(NotSolvableError, match="singular"):
+        factors(LAST, csr_matrix(values))
+
+
 @pytest.mark.parametrize(("last", "ordering"), [(None, "mumps"), (LAST, "mumps"), (None, "qmd")])
 def test_pivots_of_either_sign_show_a_singular_matrix(last, ordering):
     """Springs between points that nothing holds: the last pivot is round-off, and about half of
