@@ -43,6 +43,10 @@ ROUND_OFF_STRAIN = 1e-13
 """Strain that counts as round-off of displacements without strain, as when a gap closes without
 stress.
 """
+ROUND_OFF_FORCE = 1e-15
+"""Imbalance of a body, over the largest forces on any body, that counts as round-off of the contact
+forces between them: a body that nothing strains has no other forces.
+"""
 TANGENT_ITERATIONS = 5
 """Most iterations of a step after which its frozen tangent, or the elastic operator at a start or
 turn of a history, is kept for the next one. In the plane the plastic pellet takes the same time
@@ -272,8 +276,11 @@ class LinearisedStepper(Stepper):
             self._demand_borne(statuses.status, flowed)
             imbalance = model.norms(residual - model.contact_load(statuses.forces))
             # each body by its own forces, or if it is unloaded by its largest forces before
-            small = settings.relative_force * np.maximum(scale, self._forces)
-            if (imbalance <= small).all() or (imbalance <= small + model.round_off(x, theta)).all():
+            sizes = np.maximum(scale, self._forces)
+            small = settings.relative_force * sizes
+            if (imbalance <= small).all() or (
+                imbalance <= small + model.round_off(x, theta) + ROUND_OFF_FORCE * sizes.max()
+            ).all():
                 # the more expensive of the two criteria comes last
                 remaining = _stress_change(linear, model.strain_of(change))
                 largest = max(self._stress, self._mean(update.stress))

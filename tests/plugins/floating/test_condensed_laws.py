@@ -132,6 +132,24 @@ def test_a_loose_block_flows_under_a_pressure(law):
         )
 
 
+@needs("nodal_loads")
+def test_a_body_without_strain_converges_beside_round_off_of_the_others(monkeypatch):
+    """The floor is held at all its nodes: its forces are round-off of those of the block, and differ
+    in each iteration where sums of matrices have another order. Noise of that size stands for it.
+    """
+    full = hhr.FullOrderModel(block_on_a_floor(LAWS["creep"](), held=False), MPI.COMM_SELF)
+    noise = np.random.default_rng(5)
+    exact = full.equilibrium.contact_load
+
+    def noisy(forces):
+        load = exact(forces)
+        return load + 1e-17 * np.abs(load).max() * noise.standard_normal(load.shape)
+
+    expected = full.march(PATH, TIGHT).answers
+    monkeypatch.setattr(type(full.equilibrium), "contact_load", lambda self, forces: noisy(forces))
+    assert far(full.march(PATH, TIGHT).answers, expected, "forces") < 1e-10
+
+
 def rubbing():
     """The loose block pushed aside, which friction bears."""
     made = flowing("plasticity", BOTH)
