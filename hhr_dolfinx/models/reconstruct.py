@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.declared import Floats, Integers
-from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer, Completion, InterfaceCompletion, Meshed, ModelFields
 from hhr_dolfinx.models.bound import (
@@ -27,20 +25,19 @@ from hhr_dolfinx.models.bound import (
 )
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.estimates import FORCES_INDICATOR, NO_OUTPUTS, Estimate, Estimates
+from hhr_dolfinx.models.whole_surface import (
+    ByLaw,
+    ByS,
+    ByTraining,
+    Way,
+    WholeForces,
+    gradient_of,
+)
 from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.models.many import ManyAnswers
-
-
-class _Fit(NamedTuple):
-    """Non-negative fit of training forces: weights, matrix, target, and open gaps."""
-
-    weights: np.ndarray
-    matrix: np.ndarray
-    target: np.ndarray
-    open_gap: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +59,9 @@ class _OfAnswer:
         return self.fields.bound.at(self.answer.parameter[None], self.theta)
 
     @cached_property
-    def completed(self) -> np.ndarray:
-        """Forces on all conditions by S, (1, N_lambda)."""
-        return self.bound.completed(self.answer.multipliers[None], self.fields._outside)
-
-    @cached_property
-    def fitted(self) -> _Fit:
-        """The fit of (1.70)."""
-        return self.fields._fitted(self)
+    def whole(self) -> WholeForces:
+        """Forces on the whole surface."""
+        return self.fields.way.of(self)
 
 
 @dataclass(frozen=True)
@@ -133,12 +125,28 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         """Number of conditions on the whole contact surface, N_lambda."""
         return len(self.gaps)
 
-    def _surface(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``gaps`` and ``contact_basis`` at a point, (P,).
+    def surface_at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``gaps`` and ``contact_basis``, constant if no parameter changes the shape.
 
-        They are constant if no parameter changes the shape.
+        Args:
+            point: parameter, (P,).
         """
         return self.gaps, self.contact_basis
+
+    def slack_changes(self, answer: Answer, changes: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """See :class:`~hhr_dolfinx.models.whole_surface.ContactSurface`."""
+        gaps, contact_basis = self.surface_at(answer.parameter)
+        return gaps[rows] @ changes - contact_basis[rows] @ gradient_of(answer).unknown
+
+    @cached_property
+    def way(self) -> Way:
+        """How forces are completed on the whole surface: by the parts that the model has."""
+        if self.interface is not None:
+            return ByLaw(self.interface)
+        if self.force_snapshots is not None:
+            return ByTraining(self.force_snapshots, self.A_lambda, self.gap_scale, self)
+        assert self.bound is not None
+        return ByS(self.bound, self.A_lambda)
 
     def _slack(self, theta: Thetas, unknown: np.ndarray) -> np.ndarray:
         """Slack of fields, (n, N_lambda), of modes, (n, ell), and θ of each."""
@@ -152,7 +160,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         if self.response is None or not answer.converged:
             return answer.unknown if self.response is None else np.full(self.basis.shape[1], np.nan)
         of_answer = self._of(answer)
-        return self._responding.coordinates(answer, of_answer.bound, of_answer.completed[0])
+        return self._responding.coordinates(answer, of_answer.bound, of_answer.whole.forces)
 
     def _of(self, answer: Answer) -> _OfAnswer:
         """Quantities of an answer, those of the last one again."""
@@ -177,19 +185,6 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         lifted = np.flatnonzero(np.diff(self.lifts.tocsc().indptr))
         return lifted, self.lifts[:, lifted].toarray(order="F")
 
-    @cached_property
-    def _parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Conditions outside the RID, and the fitted and penalised rows of the snapshots."""
-        assert self.force_snapshots is not None
-        outer = np.setdiff1d(np.arange(len(self.gaps)), self.A_lambda)
-        return outer, self.force_snapshots[self.A_lambda], self.force_snapshots[outer]
-
-    @cached_property
-    def _outside(self) -> Any:
-        """Partition with free conditions outside the RID, if S is known."""
-        assert self.bound is not None
-        return self.bound.prepared(self.A_lambda)
-
     def displacement(self, answer: Answer) -> np.ndarray:
         """Displacement V gamma + lift, thesis (1.69), (N,).
 
@@ -204,89 +199,15 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return field
 
     def forces(self, answer: Answer) -> np.ndarray:
-        """Contact forces on all conditions, (N_lambda,): those of the model inside the RID.
-
-        If S is known the forces outside close the remaining gaps, a small contact problem.
-        Otherwise (1.70)-(1.71) is used: non-negative combinations of training forces are fitted to
-        the forces inside the RID, and penalised outside where the reconstructed gap is open;
-        inside, forces at open gaps are 0 already. A law of interfaces may have its own way.
+        """Contact forces on all conditions, (N_lambda,): those of the model inside the RID, outside
+        by its :attr:`way`.
         """
         if not answer.converged:
             return np.full(len(self.gaps), np.nan)
-        if self.interface is not None:
-            return self.interface.forces(answer.multipliers, answer.parameter)
-        if self.force_snapshots is None:
-            return self._of(answer).completed[0].copy()  # the caller may change it
-        forces = self.force_snapshots @ self._of(answer).fitted.weights
-        forces[self.A_lambda] = answer.multipliers
-        return forces
-
-    def _fitted(self, of_answer: _OfAnswer) -> _Fit:
-        """The fit of (1.70)."""
-        from scipy.optimize import (
-            nnls,
-        )  # imported here: loading a model is faster without, and few answers need it
-
-        answer = of_answer.answer
-        outer, fitted, penalised = self._parts
-        gaps, contact_basis = self._surface(answer.parameter)
-        slack = gaps[outer] @ of_answer.theta - contact_basis[outer] @ answer.unknown
-        open_gap = np.maximum(slack, 0.0) / self.gap_scale[outer]
-        matrix = np.vstack([fitted, open_gap[:, None] * penalised])
-        target = np.concatenate([answer.multipliers, np.zeros(open_gap.size)])
-        try:
-            weights, _ = nnls(matrix, target, maxiter=30 * matrix.shape[1])
-        except (
-            RuntimeError,
-            ValueError,
-        ) as error:  # scipy's iteration limit, numbers that overflow
-            raise ConvergenceError(
-                f"the forces outside the RID could not be fitted: {error}"
-            ) from error
-        return _Fit(weights, matrix, target, open_gap)
+        return self._of(answer).whole.forces.copy()  # the caller may change it
 
     def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
-        """Derivatives of all forces, (N_lambda, P).
-
-        The set of combined training forces is constant.
-
-        The weights solve a least-squares problem whose matrix M changes with the open gaps: M^T M
-        w' = M'^T (t - M w) + M^T (t' - M' w).
-        """
-        gradient = answer.gradient
-        assert gradient is not None
-        if self.interface is not None:
-            return self.interface.force_changes(
-                answer.multipliers, gradient.multipliers, answer.parameter
-            )
-        if self.force_snapshots is None:
-            of_answer = self._of(answer)
-            return of_answer.bound.force_changes(
-                of_answer.completed[0], self._outside, gradient, changes
-            )
-        outer, _, penalised = self._parts
-        fit = self._of(answer).fitted
-        used = np.flatnonzero(fit.weights)
-        slack = self._slack_changes(answer, changes, outer)
-        opening = slack * (fit.open_gap > 0)[:, None] / self.gap_scale[outer][:, None]
-        combined = penalised @ fit.weights
-        m = len(self.A_lambda)
-        misfit = fit.target[m:] - fit.open_gap * combined
-        orthogonal, triangle = np.linalg.qr(fit.matrix[:, used])
-        right = np.vstack([gradient.multipliers, -opening * combined[:, None]])
-        turned = solve_triangular(
-            triangle, penalised[:, used].T @ (opening * misfit[:, None]), trans="T"
-        )
-        weights = solve_triangular(triangle, orthogonal.T @ right + turned)
-        forces = self.force_snapshots[:, used] @ weights
-        forces[self.A_lambda] = gradient.multipliers
-        return forces
-
-    def _slack_changes(self, answer: Answer, changes: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Derivatives of the slack of some conditions, (n, P), from those of θ and of gamma."""
-        assert answer.gradient is not None
-        gaps, contact_basis = self._surface(answer.parameter)
-        return gaps[rows] @ changes - contact_basis[rows] @ answer.gradient.unknown
+        return self._of(answer).whole.changes(changes)
 
     def _per_coordinate(self, rows: csr_matrix) -> np.ndarray:
         return rows @ self.basis
@@ -328,10 +249,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
             return self._indicated(answer)
         of_answer = self._of(answer)
         bound_at: Any = of_answer.bound
-        if self.force_snapshots is None:
-            forces = of_answer.completed
-        else:
-            forces = np.maximum(self.forces(answer), 0.0)[None]
+        forces = of_answer.whole.forces[None]
+        if self.force_snapshots is not None:
+            forces = np.maximum(forces, 0.0)
         unknown = answer.unknown[None]
         estimate = bound_at.of(unknown, forces, lambda: self._slack(of_answer.theta, unknown))[0]
         if self.output_bound is None:
@@ -350,20 +270,21 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
             Forces in the RID, (m,), slack of all conditions, (N_lambda,), scale of gaps,
             (N_lambda,), and memory.
         """
-        gaps, contact_basis = self._surface(answer.parameter)
+        gaps, contact_basis = self.surface_at(answer.parameter)
         slack = driven(gaps, self._of(answer).theta) - answer.unknown[None] @ contact_basis.T
         return answer.multipliers, slack[0], self.gap_scale, answer.memory
 
     def estimates(self, many: ManyAnswers) -> Estimates | None:
         """Estimates of many answers at once; None if they are made one by one."""
         bound = self.bound
-        if bound is None or bound.together == 1 or self.force_snapshots is not None:
+        if bound is None or bound.together == 1 or not isinstance(self.way, ByS):
             return None
+        outside = self.way.outside
 
         def bounded(rows: np.ndarray) -> Estimates:
             theta = self.amplitudes.of_many(many.points[rows])
             bound_at = bound.at(many.points[rows], theta)
-            forces = bound_at.completed(many.multipliers[rows], self._outside)
+            forces = bound_at.completed(many.multipliers[rows], outside)
             unknown = many.unknown[rows]
             return bound_at.of(unknown, forces, partial(self._slack, theta, unknown))
 

@@ -32,15 +32,17 @@ class ReshapedReconstruction(Reconstruction):
         if len(self.surface.modes) != self.gaps.size + self.contact_basis.size:
             yield "gaps and rows of contact on other shapes are those of another surface"
 
-    def _surface(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def surface_at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See :class:`Reconstruction`."""
         return self._split(self.surface.value(point))
 
     def _split(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         gaps, contact_basis = unstacked(values, (self.gaps.shape, self.contact_basis.shape))
         return gaps, contact_basis
 
-    def _slack_changes(self, answer: Answer, changes: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        slack_changes = super()._slack_changes(answer, changes, rows)
+    def slack_changes(self, answer: Answer, changes: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """See :class:`Reconstruction`."""
+        slack_changes = super().slack_changes(answer, changes, rows)
         theta = self.amplitudes(answer.parameter)
         slopes = self.surface.modes @ self.surface.slopes_along_modes(answer.parameter)
         for axis, column in zip(self.surface.axes, slopes.T, strict=True):
