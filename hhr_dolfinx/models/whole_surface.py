@@ -15,11 +15,11 @@ from scipy.linalg import solve_triangular
 
 from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.models.answer import Answer, InterfaceCompletion
-from hhr_dolfinx.models.gradient import Gradient
 
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Theta
     from hhr_dolfinx.models.bound import Bound, BoundThere
+    from hhr_dolfinx.models.gradient import Gradient
 
 
 class ContactSurface(Protocol):
@@ -234,7 +234,8 @@ class _ForcesByTraining:
         The set of combined training forces is constant. The weights w solve a least-squares problem
         whose matrix changes with the open gaps: M^T M w' = M'^T (t - M w) + M^T (t' - M' w).
         """
-        way, gradient = self.way, gradient_of(self.answer)
+        way = self.way
+        gradient = gradient_of(self.answer)
         slack = way.surface.slack_changes(self.answer, changes, way.outer)
         opening = slack * (self.open_gap > 0)[:, None] / way.gap_scale[way.outer][:, None]
         used = np.flatnonzero(self.weights)
