@@ -141,6 +141,9 @@ from .plugins.volume_loads.loads import BodyForce as BodyForce
 from .plugins.volume_loads.loads import Centrifugal as Centrifugal
 from .plugins.volume_loads.loads import Eigenstrain as Eigenstrain
 from .plugins.volume_loads.loads import ThermalExpansion as ThermalExpansion
+from .plugins.worst_case.check import check_certificate as check_certificate
+from .plugins.worst_case.search import WorstCase as WorstCase
+from .plugins.worst_case.search import worst as worst
 from .reduction.build import build as build
 from .reduction.exact import exact_condensation as exact_condensation
 from .reduction.recipe import Deim as Deim

@@ -61,6 +61,7 @@ NAMES = {
     "save_model": (),
     "train": ("exact_errors",),
     "write_fields": ("plots",),
+    "worst": ("worst_case",),
 }
 """Public names with the plug-ins that their examples need."""
 OTHERS = {

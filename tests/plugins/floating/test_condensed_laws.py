@@ -134,8 +134,9 @@ def test_a_loose_block_flows_under_a_pressure(law):
 
 @needs("nodal_loads")
 def test_a_body_without_strain_converges_beside_round_off_of_the_others(monkeypatch):
-    """The floor is held at all its nodes: its forces are round-off of those of the block, and differ
-    in each iteration where sums of matrices have another order. Noise of that size stands for it.
+    """The floor is held at all its nodes: its forces are round-off of those of the block, and
+    differ in each iteration where sums of matrices have another order. Noise of that size stands
+    for it.
     """
     full = hhr.FullOrderModel(block_on_a_floor(LAWS["creep"](), held=False), MPI.COMM_SELF)
     noise = np.random.default_rng(5)

@@ -1,0 +1,255 @@
+"""A checker of certificates that shares no code with the search.
+
+It reads the numbers of a certificate, walks from the whole box to its smallest parts, and bounds
+the candidates in each again, by explicit inverses. Forces at corners need not be right: what they
+lack of a solution enlarges the bounds. What it needs to trust is this file and NumPy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.files import read_arrays
+
+FORMAT = "hhr_dolfinx worst case"
+VERSION = 1
+
+ROUND_OFF = 1e-9
+"""Relative difference of two bounds that counts as round-off of different ways to compute them."""
+ROUNDS = 5
+"""Rounds in which sure conditions sharpen the bounds of the others: more than the search makes."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A box of a certificate.
+
+    Attributes:
+        lower: (P,).
+        upper: (P,).
+        chosen: candidates that it answers for, (K,) bool.
+        children: numbers of the boxes that take its place.
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    chosen: np.ndarray
+    children: tuple[int, ...]
+
+
+def check_certificate(path: str | Path) -> str:
+    """Prove the claim of a certificate again.
+
+    Args:
+        path: file of :meth:`~hhr_dolfinx.plugins.worst_case.search.WorstCase.save`.
+
+    Returns:
+        The claim, in words, which holds.
+
+    Raises:
+        FileContentError: if the file is damaged, or its boxes do not prove the value.
+    """
+    header, arrays = read_arrays(path, FORMAT, VERSION)
+    try:
+        parts = list(_parts(arrays))
+        proven = float(arrays["proven"])
+        names = ("schur", "free", "slopes", "corners", "forces")
+        problem = _Problem(*(arrays[name] for name in names))
+        outputs = tuple(arrays[name] for name in ("constant", "along", "weights"))
+        _check(problem, outputs, parts, proven)
+    except (KeyError, IndexError, ValueError, np.linalg.LinAlgError) as error:
+        raise FileContentError(f"the certificate {path} is no proof: {error}") from error
+    side, value = ("below", -proven) if header.get("smallest") else ("above", proven)
+    claim = f"{header.get('output')} is nowhere in the box {side} {value!r}"
+    return f"{claim}: proven again by {len(parts)} boxes"
+
+
+def _parts(arrays: dict[str, np.ndarray]) -> Iterator[Part]:
+    """The boxes of a file."""
+    children: dict[int, list[int]] = {}
+    for number, parent in enumerate(arrays["parents"].tolist()):
+        if parent >= number:
+            raise ValueError(f"box {number} is a part of a later one")
+        children.setdefault(parent, []).append(number)
+    columns = (arrays[name] for name in ("lower", "upper", "chosen"))
+    for number, (lower, upper, chosen) in enumerate(zip(*columns, strict=True)):
+        yield Part(lower, upper, chosen, tuple(children.get(number, ())))
+
+
+class _Problem:
+    """s = f + G t + S λ, complementary."""
+
+    def __init__(
+        self,
+        schur: np.ndarray,
+        free: np.ndarray,
+        slopes: np.ndarray,
+        corners: np.ndarray,
+        forces: np.ndarray,
+    ):
+        if not np.array_equal(schur, schur.T) or np.linalg.eigvalsh(schur)[0] <= 0:
+            raise ValueError("S is not symmetric and positive definite")
+        self.schur = schur
+        self.terms = np.column_stack([free, slopes])
+        # each corner may come from several boxes, whose ends are equal bit by bit
+        self.forces = {t.tobytes(): row for t, row in zip(corners, forces, strict=True)}
+
+
+def _check(
+    problem: _Problem, outputs: tuple[np.ndarray, ...], parts: list[Part], proven: float
+) -> None:
+    """Raise ValueError unless the boxes prove that no candidate exceeds a value."""
+    root = parts[0]
+    if root.lower.any() or (root.upper != 1).any() or not root.chosen.all():
+        raise ValueError("the first box is not the whole one with all candidates")
+    nothing = np.zeros(len(problem.terms), dtype=bool)
+    limit = proven + ROUND_OFF * abs(proven)
+    left = [(0, nothing, nothing, np.full(len(root.chosen), np.inf))]
+    while left:
+        number, closed, opened, known = left.pop()
+        part = parts[number]
+        closed, opened, upper, slopes = _bounds(problem, outputs, part, closed, opened)
+        upper = np.minimum(upper, known)
+        missing = part.chosen & (upper > limit)
+        for child in part.children:
+            missing &= ~_taken(parts, part, parts[child], slopes)
+            left.append((child, closed, opened, upper))
+        if missing.any():
+            largest = upper[missing].max()
+            raise ValueError(f"box {number} leaves candidate {missing.argmax()} at {largest:.6g}")
+
+
+def _taken(
+    parts: list[Part], part: Part, child: Part, slopes: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Candidates of a box that a part answers for, (K,) bool: on a face where they are largest, or
+    with the other half.
+    """
+    if (child.lower < part.lower).any() or (child.upper > part.upper).any():
+        raise ValueError("a part is not within its box")
+    cut_above = child.upper < part.upper
+    cut_below = child.lower > part.lower
+    falls = (slopes[1] <= 0) | ~cut_above
+    rises = (slopes[0] >= 0) | ~cut_below
+    on_face = (child.lower == child.upper) | ~(cut_above | cut_below)
+    taken: np.ndarray = child.chosen & (falls & rises).all(axis=1) & on_face.all()
+    cut = np.flatnonzero(cut_above | cut_below)
+    if cut.size == 1:
+        others = [parts[other] for other in part.children if parts[other] is not child]
+        for other in others:
+            taken = taken | (child.chosen & other.chosen & _halves(part, child, other, int(cut[0])))
+    return taken
+
+
+def _halves(part: Part, one: Part, other: Part, axis: int) -> bool:
+    """Whether two boxes make up a third one, divided along an axis."""
+    rest = np.arange(len(part.lower)) != axis
+    low, high = (one, other) if one.lower[axis] <= other.lower[axis] else (other, one)
+    same = all(
+        np.array_equal(half.lower[rest], part.lower[rest])
+        and np.array_equal(half.upper[rest], part.upper[rest])
+        for half in (low, high)
+    )
+    ends = low.lower[axis] == part.lower[axis] and high.upper[axis] == part.upper[axis]
+    return bool(same and ends and low.upper[axis] >= high.lower[axis])
+
+
+def _bounds(
+    problem: _Problem,
+    outputs: tuple[np.ndarray, ...],
+    part: Part,
+    closed: np.ndarray,
+    opened: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Sure conditions of a box, bounds of all candidates and ends of their slopes."""
+    for _ in range(ROUNDS):
+        rest = _Rest(problem, part, closed, opened)
+        more_closed, more_open = rest.sure()
+        if not (more_closed.any() or more_open.any()):
+            break
+        closed = closed | more_closed
+        opened = opened | more_open
+    rest = _Rest(problem, part, closed, opened)
+    return closed, opened, *rest.bounds(*outputs)
+
+
+class _Rest:
+    """Conditions of a box that may change, the sure ones eliminated."""
+
+    def __init__(self, problem: _Problem, part: Part, closed: np.ndarray, opened: np.ndarray):
+        schur = problem.schur
+        terms = problem.terms
+        self.closed = np.flatnonzero(closed)
+        self.rest = np.flatnonzero(~(closed | opened))
+        self.size = len(terms)
+        inner = schur[np.ix_(self.closed, self.rest)]
+        of_closed = -np.linalg.inv(schur[np.ix_(self.closed, self.closed)])
+        self.onto_terms = of_closed @ terms[self.closed]
+        self.onto_rest = of_closed @ inner
+        self.M = schur[np.ix_(self.rest, self.rest)] + inner.T @ self.onto_rest
+        self.free = terms[self.rest] + inner.T @ self.onto_terms
+        self.inverse = np.linalg.inv(self.M)
+        self.free_sides = np.flatnonzero(part.lower < part.upper)
+        corners = list(_corners(part, self.free_sides))
+        self.at = np.column_stack([np.concatenate([[1.0], corner]) for corner in corners])
+        forces = np.column_stack([problem.forces[corner.tobytes()] for corner in corners])
+        self.forces = np.maximum(forces[self.rest], 0)
+        self.slack = self.free @ self.at + self.M @ self.forces
+        self.far = self._distance()
+
+    def _distance(self) -> float:
+        """How far solutions are from the interpolated forces, in the norm of M."""
+        lack = np.minimum(self.slack, 0)
+        residual = np.sqrt(max(np.max(np.sum(lack * (self.inverse @ lack), axis=0)), 0))
+        products = self.forces.T @ np.maximum(self.slack, 0)
+        number = len(self.free_sides)
+        largest = np.zeros(2**number)
+        corners = np.arange(2**number)
+        for mask in corners:
+            pairs = products[corners, corners ^ mask]
+            # one mean for each place of the sides that do not differ
+            rest = corners & ~mask
+            sums = np.bincount(rest, weights=pairs, minlength=2**number)
+            largest[mask] = sums.max() / 2 ** int(mask).bit_count()
+        inside = [largest[(corners & ~mask) == 0].mean() for mask in corners]
+        return float(0.5 * residual + np.sqrt(0.25 * residual**2 + max(*inside, 0.0, 0.0)))
+
+    def sure(self) -> tuple[np.ndarray, np.ndarray]:
+        """Conditions, (m,) bool, that are closed and open all over the box."""
+        of_force = self.forces.min(axis=1) - np.sqrt(np.diag(self.inverse)) * self.far
+        of_slack = self.slack.min(axis=1) - np.sqrt(np.diag(self.M)) * self.far
+        found = []
+        for which in ((of_force > 0) & (of_slack <= 0), (of_slack > 0) & (of_force <= 0)):
+            sure = np.zeros(self.size, dtype=bool)
+            sure[self.rest[which]] = True
+            found.append(sure)
+        return found[0], found[1]
+
+    def bounds(
+        self, constant: np.ndarray, along: np.ndarray, weights: np.ndarray
+    ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+        """Bounds of all candidates, (K,), and ends of their slopes, (K, P) each."""
+        of_closed = weights[:, self.closed]
+        base = np.column_stack([constant, along]) + of_closed @ self.onto_terms
+        w = weights[:, self.rest] + of_closed @ self.onto_rest
+        norms = np.sqrt(np.maximum(((w @ self.inverse) * w).sum(axis=1), 0))
+        upper = (base @ self.at + w @ self.forces).max(axis=1) + norms * self.far
+        full = -self.inverse @ self.free[:, 1:]
+        radius = 0.5 * norms[:, None] * np.sqrt(np.maximum((full * (self.M @ full)).sum(axis=0), 0))
+        centre = base[:, 1:] + 0.5 * w @ full
+        return upper, (centre - radius, centre + radius)
+
+
+def _corners(part: Part, sides: np.ndarray) -> Iterator[np.ndarray]:
+    """Corners of a box, (P,) each; bit k of their number is that of side k."""
+    for number in range(2 ** len(sides)):
+        corner = part.lower.copy()
+        for k, side in enumerate(sides):
+            if number >> k & 1:
+                corner[side] = part.upper[side]
+        yield corner

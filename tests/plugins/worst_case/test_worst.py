@@ -1,0 +1,321 @@
+"""The worst case of an output over a box: never exceeded, and found by others too."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from needs import needs
+from scenes import pressed_block, space
+from scipy.optimize import Bounds, LinearConstraint, milp
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import FileContentError, NotOfferedError, ParameterError
+from hhr_dolfinx.files import read_arrays, write_arrays
+from hhr_dolfinx.plugins.worst_case.affine import AffineContact, Candidates, contact_of
+from hhr_dolfinx.plugins.worst_case.box_bound import Box, bounded
+from hhr_dolfinx.plugins.worst_case.check import FORMAT, VERSION
+
+pytestmark = needs("worst_case", "tables")
+
+
+def by_enumeration(schur, free):
+    """Forces of s = free + S λ, complementary: the one set of closed conditions that holds."""
+    m = len(free)
+    best = None
+    for statuses in itertools.product((False, True), repeat=m):
+        closed = np.array(statuses)
+        forces = np.zeros(m)
+        forces[closed] = np.linalg.solve(schur[np.ix_(closed, closed)], -free[closed])
+        slack = free + schur @ forces
+        slack[closed] = 0.0
+        lack = max(-forces.min(), -slack.min(), 0.0)
+        if best is None or lack < best[0]:
+            best = lack, forces, closed
+    assert best[0] < 1e-12 * np.abs(free).max()
+    return best[1:]
+
+
+def random_contact(rng, m, count):
+    """Conditions of which some open or close in the box."""
+    root = rng.standard_normal((m, m + 2))
+    schur = root @ root.T / m + 0.05 * np.eye(m)
+    box = hhr.ParameterSpace(tuple(f"p{k}" for k in range(count)), (0.0,) * count, (1.0,) * count)
+    slopes = rng.standard_normal((m, count))
+    return AffineContact(schur, 0.5 * rng.standard_normal(m), slopes, box)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_point_of_a_box_exceeds_its_bounds(seed):
+    """Small problems, solved by all sets of statuses: values, slopes and sure conditions, in boxes
+    of all sizes; also if the forces at the corners are somewhat wrong.
+    """
+    rng = np.random.default_rng(seed)
+    m, count = 5, int(rng.integers(1, 4))
+    contact = random_contact(rng, m, count)
+    weights = np.vstack([np.eye(m), -np.eye(m), rng.standard_normal((3, m))])
+    K = len(weights)
+    outputs = Candidates(
+        rng.standard_normal(K), rng.standard_normal((K, count)), weights, ("",) * K
+    )
+    nothing = np.zeros(m, dtype=bool)
+    for size in (1.0, 0.3, 0.05):
+        lower = (1 - size) * rng.random(count)
+        box = Box(lower, lower + size, nothing, nothing.copy())
+        exact = [by_enumeration(contact.schur, contact.free_slack(t))[0] for t in box.corners]
+        forces_at = np.stack(exact, axis=1)
+        wrong = forces_at + 0.05 * np.abs(forces_at).max() * rng.standard_normal(forces_at.shape)
+        for start in (forces_at, wrong):
+            found = bounded(contact, outputs, np.arange(K), box, start)
+            for _ in range(40):
+                t = lower + size * rng.random(count)
+                forces, closed = by_enumeration(contact.schur, contact.free_slack(t))
+                assert (outputs.values(t, forces) <= found.upper + 1e-9).all()
+                assert closed[found.box.closed].all() and not closed[found.box.open].any()
+            if start is wrong:
+                continue
+            for axis, step in enumerate(1e-6 * np.eye(count)):
+                ahead, _ = by_enumeration(contact.schur, contact.free_slack(t + step))
+                slope_ = (outputs.values(t + step, ahead) - outputs.values(t, forces)) / 1e-6
+                assert (slope_ >= found.slopes[0][:, axis] - 1e-5).all()
+                assert (slope_ <= found.slopes[1][:, axis] + 1e-5).all()
+
+
+def test_a_box_without_changes_of_status_is_bounded_exactly():
+    rng = np.random.default_rng(3)
+    contact = random_contact(rng, 5, 2)
+    outputs = Candidates(np.zeros(5), np.zeros((5, 2)), np.eye(5), ("",) * 5)
+    nothing = np.zeros(5, dtype=bool)
+    box = Box(np.full(2, 0.4), np.full(2, 0.4001), nothing, nothing.copy())
+    values = [by_enumeration(contact.schur, contact.free_slack(t))[0] for t in box.corners]
+    found = bounded(contact, outputs, np.arange(5), box, np.stack(values, axis=1))
+    assert (found.box.closed | found.box.open).all()
+    assert found.upper == pytest.approx(np.max(values, axis=0), rel=1e-9, abs=1e-12)
+
+
+def matrices(seed, m=8, count=3):
+    """A condensed model of random matrices, with a peak, a force and a displacement."""
+    rng = np.random.default_rng(seed)
+    size = m + 4
+    root = rng.standard_normal((size, size))
+    names = tuple("abcdef"[:count])
+    return hhr.condense_matrices(
+        hhr.ParameterSpace(names, (-1.0,) * count, (2.0,) * count),
+        root @ root.T + size * np.eye(size),
+        rng.standard_normal((m, size)),
+        rng.standard_normal((size, count)),
+        np.column_stack([rng.random((m, 1)) * 0.05, np.zeros((m, count - 1))]),
+        list(names),
+        areas=0.5 + rng.random(m),
+        displacement_outputs={"tip": rng.standard_normal(size)},
+        force_outputs={"sum": np.ones(m)},
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("output", ["peak", "tip", "sum"])
+def test_the_worst_case_is_near_one_found_and_above_all_others(seed, output):
+    model = matrices(seed)
+    found = hhr.worst(model, output, 0.01)
+    assert found.finished and found.difference <= 0.01
+    assert model.outputs(found.parameters)[output] == pytest.approx(found.value, rel=1e-9)
+    values = [model.outputs(point)[output] for point in model.parameters.random(300, seed=seed)]
+    assert max(values) <= found.proven * (1 + 1e-9)
+    if output != "peak":
+        least = hhr.worst(model, output, 0.01, smallest=True)
+        assert least.proven <= min(values) + 1e-9 and least.value <= min(values)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_peak_is_that_of_an_integer_program(seed):
+    """Statuses as binary variables with big M, by HiGHS: another method, the same maximum."""
+    model = matrices(seed, m=5, count=2)
+    contact = contact_of(model)
+    m, P = contact.slopes.shape
+    areas = model.fields.functionals.items[0].areas
+    large = 1e3
+    # unknowns t, λ, s, z
+    size = P + 3 * m
+    eye, none = np.eye(m), np.zeros((m, m))
+    rows = [
+        LinearConstraint(
+            np.hstack([contact.slopes, contact.schur, -eye, none]), -contact.free, -contact.free
+        ),
+        LinearConstraint(np.hstack([np.zeros((m, P)), eye, none, -large * eye]), -np.inf, 0.0),
+        LinearConstraint(np.hstack([np.zeros((m, P)), none, eye, large * eye]), -np.inf, large),
+    ]
+    bounds = Bounds(np.zeros(size), np.concatenate([np.ones(P), np.full(2 * m, large), np.ones(m)]))
+    integer = np.concatenate([np.zeros(P + 2 * m), np.ones(m)])
+    peaks = []
+    for k in range(m):
+        cost = np.zeros(size)
+        cost[P + k] = -1 / areas[k]
+        peaks.append(-milp(cost, constraints=rows, bounds=bounds, integrality=integer).fun)
+    found = hhr.worst(model, "peak", 1e-6)
+    # HiGHS takes statuses as integers to 1e-6 of large
+    assert found.value == pytest.approx(max(peaks), rel=1e-5)
+    assert found.proven >= max(peaks) * (1 - 1e-5)
+
+
+def test_a_uniform_block_by_hand():
+    """Its pressure is E / (1 - ν²) (push - gap) / 2, largest at the largest push."""
+    scene = replace(pressed_block("plane_strain"), outputs=(hhr.LargestPressure("peak", 0),))
+    found = hhr.worst(hhr.condense(scene), "peak", 1e-9)
+    expected = 3.0 / (1 - 0.3**2) * (0.1 - 0.01) / 2
+    assert found.value == pytest.approx(expected, rel=1e-9)
+    assert found.proven == pytest.approx(expected, rel=1e-8)
+    assert found.parameters == {"push": pytest.approx(0.1)}
+    assert "nowhere in the box above" in str(found)
+    assert found.never_beyond(expected * 1.001) and not found.never_beyond(expected * 0.999)
+
+
+def test_a_limit_ends_the_search_as_soon_as_it_is_proven():
+    model = matrices(0)
+    whole = hhr.worst(model, "peak", 1e-4)
+    early = hhr.worst(model, "peak", 1e-4, limit=2 * whole.value)
+    assert early.proven <= 2 * whole.value and early.never_beyond(2 * whole.value)
+    assert early.boxes < whole.boxes
+    beyond = hhr.worst(model, "peak", 1e-4, limit=0.5 * whole.value)
+    assert not beyond.never_beyond(0.5 * whole.value) and beyond.value > 0.5 * whole.value
+
+
+def test_what_is_left_when_time_is_over_is_proven_too():
+    model = matrices(1, m=10, count=4)
+    hasty = hhr.worst(model, "peak", 1e-6, seconds=1e-9)
+    whole = hhr.worst(model, "peak", 1e-3)
+    assert not hasty.finished and hasty.proven >= whole.value
+    assert f"{hasty.difference:.2%}" in str(hasty)
+
+
+def changed(path, target, **changes):
+    """A certificate with other arrays and a right checksum."""
+    header, arrays = read_arrays(path, FORMAT, VERSION)
+    for name, change in changes.items():
+        arrays[name] = change(arrays[name].copy())
+    write_arrays(target, header, arrays)
+    return target
+
+
+def at(index, value):
+    def change(array):
+        array[index] = value
+        return array
+
+    return change
+
+
+LIES = {
+    "a lower value": {"proven": lambda value: value * 0.98},
+    "a part that is missing": {
+        name: (lambda array, name=name: array[:-1])
+        for name in ("parents", "lower", "upper", "chosen")
+    },
+    "a part that is smaller": {"upper": lambda array: np.where(array > 0.4, array * 0.9, array)},
+    "not the whole box": {"upper": at(0, 0.9)},
+    "a candidate less": {"chosen": at((0, 0), False)},
+    "no candidate in the parts": {"chosen": at(slice(1, None), False)},
+    "other weights": {"weights": lambda array: 1.1 * array},
+    "a softer problem": {"schur": lambda array: 0.9 * array},
+    "an indefinite problem": {"schur": lambda array: array - 10 * np.eye(len(array)) * array.max()},
+    "loads that are larger": {"slopes": lambda array: 1.2 * array},
+    "a part of a later box": {"parents": at(1, 2)},
+    "boxes outside": {"lower": at(1, -1.0)},
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_certificates_that_do_not_prove_are_found(lie, tmp_path):
+    """Each with a right checksum, so that the proof itself is what fails."""
+    found = hhr.worst(matrices(0), "peak", 0.02)
+    assert found.boxes > 4
+    found.save(tmp_path / "proof.npz")
+    claim = hhr.check_certificate(tmp_path / "proof.npz")
+    assert claim.startswith(f"peak is nowhere in the box above {found.proven!r}")
+    with pytest.raises(FileContentError, match="no proof"):
+        hhr.check_certificate(changed(tmp_path / "proof.npz", tmp_path / "lie.npz", **LIES[lie]))
+
+
+def test_forces_of_a_certificate_need_not_be_right(tmp_path):
+    """Round-off is forgiven; larger errors enlarge the bounds, until they prove no more."""
+    found = hhr.worst(matrices(2), "sum", 0.05)
+    found.save(tmp_path / "proof.npz")
+    noise = np.random.default_rng(0)
+
+    def wrong(size):
+        return lambda array: array + size * array.max() * noise.standard_normal(array.shape)
+
+    near = changed(tmp_path / "proof.npz", tmp_path / "near.npz", forces=wrong(1e-14))
+    assert repr(found.proven) in hhr.check_certificate(near)
+    far = changed(tmp_path / "proof.npz", tmp_path / "far.npz", forces=wrong(0.1))
+    with pytest.raises(FileContentError, match="leaves candidate"):
+        hhr.check_certificate(far)
+
+
+def test_a_damaged_certificate_is_named(tmp_path):
+    hhr.worst(matrices(0), "sum", 0.05).save(tmp_path / "proof.npz")
+    content = (tmp_path / "proof.npz").read_bytes()
+    (tmp_path / "cut.npz").write_bytes(content[: len(content) // 2])
+    with pytest.raises(FileContentError):
+        hhr.check_certificate(tmp_path / "cut.npz")
+
+
+def test_what_cannot_be_proven_is_refused_with_the_reason():
+    model = matrices(0)
+    with pytest.raises(ParameterError, match="there is no output 'peek'"):
+        hhr.worst(model, "peek")
+    for wrong in (0.0, -0.1, float("nan")):
+        with pytest.raises(ParameterError, match="within"):
+            hhr.worst(model, "peak", wrong)
+    with pytest.raises(ParameterError, match="largest of"):
+        hhr.worst(model, "peak", smallest=True)
+    scene = replace(
+        pressed_block("plane_strain"),
+        outputs=(hhr.ContactWidth("width", 0), hhr.LargestPressure("peak", 0)),
+    )
+    with pytest.raises(NotOfferedError, match="no largest of affine functions"):
+        hhr.worst(hhr.condense(scene), "width")
+    with pytest.raises(NotOfferedError, match="condensed models of one stiffness"):
+        hhr.worst(hhr.FullOrderModel(scene, MPI.COMM_SELF), "peak")
+
+
+@needs("friction")
+def test_friction_is_refused_since_its_answers_depend_on_the_path():
+    scene = pressed_block("plane_strain")
+    floor = replace(scene.contacts[0], friction=0.3)
+    scene = replace(scene, contacts=(floor,), outputs=(hhr.LargestPressure("peak", 0),))
+    with pytest.raises(NotOfferedError, match="memory"):
+        hhr.worst(hhr.condense(scene), "peak")
+
+
+def test_a_stiffness_that_is_a_parameter_is_refused():
+    scene = pressed_block("plane_strain")
+    body = replace(scene.bodies[0], young="E")
+    box = space(push=(0.0, 0.1), E=(2.0, 4.0))
+    scene = replace(
+        scene, bodies=(body,), parameters=box, outputs=(hhr.LargestPressure("peak", 0),)
+    )
+    with pytest.raises(NotOfferedError, match="one stiffness"):
+        hhr.worst(hhr.condense(scene), "peak")
+
+
+def test_commands_prove_and_prove_again(tmp_path):
+    from click.testing import CliRunner
+
+    from hhr_dolfinx.command.main import hhr as cli
+
+    model = matrices(0)
+    hhr.save_model(tmp_path / "model.npz", model)
+    expected = hhr.worst(model, "sum", 0.05, smallest=True)
+    run = CliRunner().invoke
+    proof = str(tmp_path / "proof.npz")
+    given = ["worst", str(tmp_path / "model.npz"), "sum", "--within", "0.05", "--smallest"]
+    said = run(cli, [*given, "--certificate", proof])
+    assert said.exit_code == 0, said.output
+    assert f"nowhere in the box below {expected.proven:.6g}" in said.output
+    limited = run(cli, [*given, "--limit", "-1e9"])
+    assert "never beyond -1e+09: proven" in limited.output
+    again = run(cli, ["certificate", proof])
+    assert again.exit_code == 0 and repr(expected.proven) in again.output
+    other = run(cli, ["worst", str(tmp_path / "model.npz"), "summ"])
+    assert other.exit_code != 0 and "there is no output 'summ'" in other.output
