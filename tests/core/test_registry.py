@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import split
 from bare import python
+from entry_points import Entry
 from needs import OURS, needs, present
 from scenes import pressed_block, with_bodies
 from shell import invoke
@@ -32,18 +33,6 @@ FOLDERS = sorted(
 )
 NAMES = [pytest.param(name, marks=needs(name)) for name in OURS]
 """Our plug-ins, those that were deleted too."""
-
-
-class Entry:
-    """An entry point."""
-
-    def __init__(self, found, name="any"):
-        self.found, self.name, self.value = found, name, f"somewhere:{name}"
-
-    def load(self):
-        if isinstance(self.found, type):
-            raise self.found("no such module")
-        return self.found
 
 
 @pytest.fixture

@@ -19,8 +19,8 @@ import numpy as np
 import hhr_dolfinx as hhr
 from dataclasses import replace
 from hhr_dolfinx.geometries import block
-from test_constraints import TOP, pressed, tied
-from test_preload import column, scene as bolt
+from tied_blocks import TOP, pressed, tied
+from bolted_columns import column, scene as bolt
 from mpi4py import MPI
 comm = MPI.COMM_WORLD
 out = {{}}
@@ -158,7 +158,7 @@ import hhr_dolfinx as hhr
 from dataclasses import replace
 from mpi4py import MPI
 from scenes import space
-from test_constraints import RIGHT, TOP, pressed
+from tied_blocks import RIGHT, TOP, pressed
 
 comm = MPI.COMM_WORLD
 ends = [hhr.Nodes.near((x, 1.0)) for x in (0.0, 1.0)]

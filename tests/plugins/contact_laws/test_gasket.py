@@ -14,9 +14,9 @@ from mpi4py import MPI
 from my_contact_law import Wear
 from my_gasket import Gasket, Gaskets
 from needs import needs
+from readers_of_plugins import OF_PLUGINS, deck
 from scenes import block_scene, slope
 from stacked import PATH, stacked, with_plugins
-from test_systems import OF_PLUGINS, deck
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw

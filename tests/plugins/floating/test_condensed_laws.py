@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from loose_blocks import BOTH, HELD, LAWS, LOOSE, PATH, TIGHT, block_on_a_floor, flowing
 from marched import flat, marched_elsewhere
 from mpi4py import MPI
 from needs import needs
 from scenes import lying, slope, space
-from test_beside_laws import BOTH, HELD, LAWS, LOOSE, PATH, TIGHT, block_on_a_floor, flowing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import UndeterminedWarning
@@ -134,8 +134,10 @@ def test_a_loose_block_flows_under_a_pressure(law):
 
 @needs("nodal_loads")
 def test_a_body_without_strain_converges_beside_round_off_of_the_others(monkeypatch):
-    """The floor is held at all its nodes: its forces are round-off of those of the block, and differ
-    in each iteration where sums of matrices have another order. Noise of that size stands for it.
+    """The floor is held at all its nodes: its forces are round-off of those of the block.
+
+    They differ in each iteration where sums of matrices have another order. Noise of that size
+    stands for it.
     """
     full = hhr.FullOrderModel(block_on_a_floor(LAWS["creep"](), held=False), MPI.COMM_SELF)
     noise = np.random.default_rng(5)

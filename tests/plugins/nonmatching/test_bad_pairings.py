@@ -8,9 +8,9 @@ import contact_patch_test as patch
 import numpy as np
 import pytest
 from needs import MORTAR, needs
+from nonmatching_blocks import outsides, shrink_fit
 from scenes import check_contact_conditions, pair_scene, slope
 from surfaces import chain, make
-from test_pairings import outsides, shrink_fit
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import PairingWarning, SceneError

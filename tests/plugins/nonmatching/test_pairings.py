@@ -7,8 +7,8 @@ import hertz_half_discs
 import numpy as np
 import pytest
 import sphere_on_block as sphere
-from dolfinx import mesh as dmesh
 from needs import MORTAR, mortar, needs
+from nonmatching_blocks import outsides, shrink_fit
 from scenes import check_contact_conditions, pair_scene, slope
 
 import hhr_dolfinx as hhr
@@ -105,32 +105,6 @@ def test_rotation_changes_no_scalar(pairing, by_normal, dim):
         assert turned == pytest.approx(results[0], abs=1e-10)
 
 
-def shrink_fit(pairing, cells, interference=1e-6, simplices=False):
-    """Cylinder 1 <= r <= 2 in a cylinder 2 <= r <= 3, too large by ``interference``, held
-    axially.
-    """
-    inner, outer = two_blocks.FIRST, two_blocks.SECOND
-    axial = [
-        hhr.Displacement(two_blocks.side(body, 1, upper), 1)
-        for body in (inner, outer)
-        for upper in (False, True)
-    ]
-    return pair_scene(
-        "shrink_fit",
-        {"p": (0.0, 1.0)},
-        ((1.0, 0.0), (2.0, 0.5), (cells, cells // 2)),
-        ((2.0 - interference, 0.0), (3.0, 0.5), (cells, 3 * cells // 4)),
-        ((10.0, 0.3), (4.0, 0.2)),
-        simplices=simplices,
-        hypothesis="axisymmetric",
-        contacts=(
-            pairing(two_blocks.side(outer, 0, False), two_blocks.side(inner, 0, True), (-1.0, 0.0)),
-        ),
-        displacements=tuple(axial),
-        loads=(hhr.Pressure(two_blocks.side(outer, 0, True), slope("p")),),
-    )
-
-
 def lame_pressure(interference):
     """Interface pressure of a shrink fit in plane strain (Lame): inner 1, 2; outer 2, 3.
 
@@ -175,19 +149,6 @@ def test_hertz_sphere():
     )
     row = sphere.beside_hertz(full_order, 0.2)
     assert abs(row["radius"]) < 0.05 and abs(row["peak"]) < 0.05
-
-
-def outsides(first, second, kept, simplices=False):
-    """Blocks whose surfaces 1 and 2 are all sides of each that are not among those ``kept``."""
-
-    def geometry(comm):
-        mesh, bodies, sides = two_blocks.two_blocks(
-            comm, first=first, second=second, simplices=simplices
-        )
-        values = np.where(np.isin(sides.values, kept), sides.values, sides.values // 100)
-        return mesh, bodies, dmesh.meshtags(mesh, sides.dim, sides.indices, values.astype(np.int32))
-
-    return geometry
 
 
 def pressed_squares(pairing, dim, simplices=False):
