@@ -28,12 +28,17 @@ WAIT = 1800
 Those of the tests take half a minute on an idle machine.
 """
 _ROOT = Path(__file__).parent.parent
-_PLUGINS = [f"tests/plugins/{name}" for name in ("elasticity", "floating", "ranks")]
-_FOLDERS = ["tests", "tests/core", *_PLUGINS, "demos", "benchmarks", "benchmarks/thesis"]
-SCENE_FOLDERS = [str(_ROOT / name) for name in _FOLDERS]
-"""Folders in which other processes find scenes and tests, as `pythonpath` of `pyproject.toml` names
-them for pytest.
+SCENE_FOLDERS = [
+    str(_ROOT / name) for name in ("tests", "demos", "benchmarks", "benchmarks/thesis")
+]
+"""Folders in which other processes find scenes, as `pythonpath` of `pyproject.toml` names them for
+pytest.
 """
+
+
+def folders_of(file):
+    """These folders, and that of a test whose process imports it, or a module beside it."""
+    return [*SCENE_FOLDERS, str(Path(file).parent)]
 
 
 def read_csv(path):

@@ -17,7 +17,7 @@ import meshio
 import numpy as np
 import pytest
 import ufl
-from bare import SCENE_FOLDERS
+from bare import folders_of
 from cubes_in_files import (
     CUBES,
     DECK,
@@ -873,7 +873,7 @@ def print_sizes(*paths):
 def test_ranks_have_the_same_surfaces(folder):
     paths = [str(folder / name) for name in ("2.2_1.msh", "flat.inp")]
     program = (
-        f"import sys; sys.path[:0] = {SCENE_FOLDERS!r}; import test_file_contents as t; "
+        f"import sys; sys.path[:0] = {folders_of(__file__)!r}; import test_file_contents as t; "
         f"t.print_sizes(*{paths!r})"
     )
     one, three = (json.loads(launch(n, ["-c", program]).splitlines()[-1]) for n in (1, 3))

@@ -1,15 +1,12 @@
 """Constraints, preload and springs on several ranks: the same numbers as on one."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
-from bare import SCENE_FOLDERS
+from bare import folders_of
 from launched import launch
 from needs import needs, present
-
-HERE = str(Path(__file__).parent)
 
 PROGRAM = """
 import json, sys
@@ -112,9 +109,7 @@ if comm.rank == 0:
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     folder = str(tmp_path_factory.mktemp("decks"))
-    program = PROGRAM.format(
-        laws=present("inelastic"), folders=[*SCENE_FOLDERS, HERE], folder=folder
-    )
+    program = PROGRAM.format(laws=present("inelastic"), folders=folders_of(__file__), folder=folder)
     known = {}
 
     def on(ranks):
@@ -199,7 +194,7 @@ def test_energies_are_those_of_all_ranks(tmp_path):
     """Estimates are the errors by K of the same mesh without the equation, alike on all ranks, and
     none waits.
     """
-    program = ENERGIES.format(folders=[*SCENE_FOLDERS, HERE], folder=str(tmp_path))
+    program = ENERGIES.format(folders=folders_of(__file__), folder=str(tmp_path))
     ratios, fallen = json.loads(launch(2, ["-c", program]).splitlines()[-1])
     assert np.array(ratios) == pytest.approx(1.0, abs=0.1)
     assert all(asked > 0 for asked, _ in fallen)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scenes
 import ufl
-from bare import SCENE_FOLDERS
+from bare import folders_of
 from launched import launch
 from needs import cases_of, needs
 from scenes import (
@@ -366,4 +366,4 @@ print("all is well")
 @needs("ranks")
 def test_on_two_ranks():
     """Beside plain scenes and differences, which test_mpi holds to those of one rank."""
-    assert launch(2, ["-c", PROGRAM.format(folders=SCENE_FOLDERS)]).count("all is well") == 2
+    assert launch(2, ["-c", PROGRAM.format(folders=folders_of(__file__))]).count("all is well") == 2

@@ -8,7 +8,7 @@ import re
 import every
 import numpy as np
 import pytest
-from bare import SCENE_FOLDERS
+from bare import folders_of
 from launched import launch
 from needs import OURS, needs
 
@@ -17,7 +17,7 @@ from hhr_dolfinx import registry
 
 PROGRAM = f"""
 import json, sys
-sys.path[:0] = {SCENE_FOLDERS!r}
+sys.path[:0] = {folders_of(__file__)!r}
 import every
 found = every.outcomes(json.loads(sys.argv[1]), sys.argv[2])
 if every.COMM.rank == 0:

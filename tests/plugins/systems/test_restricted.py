@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bare import SCENE_FOLDERS
+from bare import folders_of
 from launched import launch
 from mpi4py import MPI
 from my_system import MySystem
@@ -523,8 +523,6 @@ import json, sys
 sys.path[:0] = {folders!r}
 import numpy as np
 import hhr_dolfinx as hhr
-from bare import SCENE_FOLDERS
-from launched import launch
 from mpi4py import MPI
 from my_system import MySystem
 from test_restricted import joined
@@ -569,7 +567,7 @@ def on_ranks(ranks):
             "-W",
             "ignore",
             "-c",
-            PROGRAM.format(folders=[*SCENE_FOLDERS, str(Path(__file__).parent), TEMPLATE]),
+            PROGRAM.format(folders=[*folders_of(__file__), TEMPLATE]),
         ],
     )
     return json.loads(said.partition("OUT")[2].splitlines()[0])
