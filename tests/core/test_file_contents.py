@@ -17,7 +17,6 @@ import meshio
 import numpy as np
 import pytest
 import ufl
-from bare import folders_of
 from cubes_in_files import (
     CUBES,
     DECK,
@@ -35,10 +34,11 @@ from cubes_in_files import (
     written,
 )
 from dolfinx import io
-from launched import launch
 from libraries import MED, needs_med
 from mpi4py import MPI
+from mpirun import launch
 from needs import needs
+from processes import folders_of
 from scenes import block_scene, slope, space
 
 import hhr_dolfinx as hhr

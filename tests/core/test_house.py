@@ -14,9 +14,9 @@ from pathlib import Path
 
 import figures
 import pytest
-from bare import SCENE_FOLDERS, python
 from mpi4py import MPI
 from needs import OURS, needs, present
+from processes import SCENE_FOLDERS, python
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry

@@ -6,10 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from bare import folders_of
-from launched import launch
 from mpi4py import MPI
+from mpirun import launch
 from needs import needs
+from processes import folders_of
 from scenes import (
     block_scene,
     check_contact_conditions,

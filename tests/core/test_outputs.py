@@ -7,7 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from bare import read_csv
+from bare_problem import read_csv
 from my_output import MyOutput
 from needs import needs, present
 from pellet_outputs import OUTPUTS, small_pellet

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import split
-from bare import python
+import split_interface
 from entry_points import Entry
 from needs import OURS, needs, present
+from processes import python
 from scenes import pressed_block, with_bodies
 from shell import invoke
 
@@ -236,10 +236,13 @@ def test_what_a_scene_needs_of_a_plug_in_that_is_not_there_is_named(tmp_path):
     for beyond in ({"poisson": 0.49}, {"young": "1 + push"}, {"grading": lambda x: 1 + x[0]}):
         with said("elasticity"):
             hhr.FullOrderModel(with_bodies(scene, **beyond))
-    halves = [hhr.NodeToNode(*tags, (0, -1)) for tags in zip(split.UPPER, split.LOWER, strict=True)]
+    halves = [
+        hhr.NodeToNode(*tags, (0, -1))
+        for tags in zip(split_interface.UPPER, split_interface.LOWER, strict=True)
+    ]
     with said("shared_nodes"):
-        hhr.FullOrderModel(split.scene(halves))
-    assert hhr.FullOrderModel(split.scene(halves[:1], outputs=())).conditions == 5
+        hhr.FullOrderModel(split_interface.scene(halves))
+    assert hhr.FullOrderModel(split_interface.scene(halves[:1], outputs=())).conditions == 5
 
 
 @pytest.mark.usefixtures("without")

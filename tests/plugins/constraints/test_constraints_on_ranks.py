@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from bare import folders_of
-from launched import launch
+from mpirun import launch
 from needs import needs, present
+from processes import folders_of
 
 PROGRAM = """
 import json, sys

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import scenes
 import ufl
-from bare import folders_of
-from launched import launch
+from mpirun import launch
 from needs import cases_of, needs
+from processes import folders_of
 from scenes import (
     check_contact_conditions,
     largest_difference,

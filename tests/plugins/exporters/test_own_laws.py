@@ -27,8 +27,8 @@ from pages_in_node import (
     said,
     shown,
 )
-from sheared import SECOND
-from stacked import PATH, stacked, with_plugins
+from sheared_blocks import SECOND
+from stacked_pairs import PATH, stacked, with_plugins
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError

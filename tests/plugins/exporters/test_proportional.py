@@ -10,7 +10,7 @@ from compiled_models import DONE, STEPPED, at, built, compiled
 from mpi4py import MPI
 from needs import needs
 from pages_in_node import along, in_node
-from sheared import rubbing
+from sheared_blocks import rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings

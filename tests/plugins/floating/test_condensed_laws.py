@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from history_bits import flat, marched_elsewhere
 from loose_blocks import BOTH, HELD, LAWS, LOOSE, PATH, TIGHT, block_on_a_floor, flowing
-from marched import flat, marched_elsewhere
 from mpi4py import MPI
 from needs import needs
 from scenes import lying, slope, space

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs
-from sheared import FIRST, SECOND, round_block, rubbing
+from sheared_blocks import FIRST, SECOND, round_block, rubbing
 from sheared_paths import BOX, OUTPUTS, paths, resultants
 
 import hhr_dolfinx as hhr

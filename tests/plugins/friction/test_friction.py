@@ -21,7 +21,7 @@ from mpi4py import MPI
 from needs import needs, present
 from parts import fretting_study
 from scenes import pressed_block, slope, slope_errors
-from sheared import PATH, driven, round_block, rubbing
+from sheared_blocks import PATH, driven, round_block, rubbing
 from sheared_paths import resultants
 
 import hhr_dolfinx as hhr

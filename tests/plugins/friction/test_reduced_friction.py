@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs, present
-from sheared import FIRST, SECOND, round_block, rubbing
+from sheared_blocks import FIRST, SECOND, round_block, rubbing
 from sheared_paths import BOX, OUTPUTS, paths
 
 import hhr_dolfinx as hhr

@@ -11,7 +11,8 @@ import flowing
 import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
-from bare import BareFull, bare_problem, folders_of, on_disk, python
+from bare_problem import BareFull, bare_problem, on_disk
+from processes import folders_of, python
 from scenes import pressed_block
 from scipy.sparse import csc_matrix
 from toy_law import Bingham

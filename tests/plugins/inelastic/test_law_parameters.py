@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import ufl
 import varied
-from bare import python
 from flow_histories import whole_history
-from marched import flat
+from history_bits import flat
 from needs import needs
+from processes import python
 from toy_law import Bingham
 from tubes import YOUNG
 from varied import path

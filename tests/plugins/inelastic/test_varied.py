@@ -12,8 +12,8 @@ import pytest
 import varied
 from condensing import EVERY, FINE, QUIET, apart
 from flow_histories import slopes_between
+from history_bits import flat, marched_elsewhere
 from kept_values import both, put, rewrite_model
-from marched import flat, marched_elsewhere
 from needs import present
 
 import hhr_dolfinx as hhr

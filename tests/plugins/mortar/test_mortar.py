@@ -8,7 +8,7 @@ import contact_patch_test as patch
 import numpy as np
 import pytest
 import sphere_on_block as sphere
-import split
+import split_interface
 from mpi4py import MPI
 from needs import mortar, needs
 from scenes import check_closed, check_contact_conditions
@@ -83,11 +83,13 @@ def test_overlapping_rows_grow_to_the_whole_surface():
 @pytest.mark.parametrize("order", [1, 2])
 @needs("second_order", "shared_nodes")
 def test_mortar_passes_the_patch_test_on_both_halves(order):
-    halves = [mortar(*tags) for tags in zip(split.UPPER, split.LOWER, strict=True)]
-    full = hhr.FullOrderModel(split.scene(halves, (6, 8), order=order))
+    halves = [
+        mortar(*tags) for tags in zip(split_interface.UPPER, split_interface.LOWER, strict=True)
+    ]
+    full = hhr.FullOrderModel(split_interface.scene(halves, (6, 8), order=order))
     answer = full.solve({"press": 10.0})
     assert answer.pressure() == pytest.approx(np.full(full.conditions, 10.0), rel=1e-10)
-    assert dict(answer.outputs().items()) == pytest.approx(split.HALVES, abs=1e-10)
+    assert dict(answer.outputs().items()) == pytest.approx(split_interface.HALVES, abs=1e-10)
 
 
 @needs("shared_nodes")
@@ -95,14 +97,16 @@ def test_two_masters_of_one_slave():
     """A slave on a master of two tags: nodes next to the joint touch both, and have one condition
     each.
     """
-    halves = [mortar(split.UPPER[0], tag) for tag in split.LOWER]
-    scene = split.scene(halves, (6, 7))
-    joined = hhr.FullOrderModel(split.scene(halves[:1], (6, 7), split=False))
+    halves = [mortar(split_interface.UPPER[0], tag) for tag in split_interface.LOWER]
+    scene = split_interface.scene(halves, (6, 7))
+    joined = hhr.FullOrderModel(split_interface.scene(halves[:1], (6, 7), split=False))
 
     def geometry(comm):
-        mesh, cells, facets = split.geometry(comm, (6, 7), True)
-        values = np.where(facets.values == split.UPPER[1], split.UPPER[0], facets.values)
-        return mesh, cells, split.dmesh.meshtags(mesh, 1, facets.indices, values)
+        mesh, cells, facets = split_interface.geometry(comm, (6, 7), True)
+        values = np.where(
+            facets.values == split_interface.UPPER[1], split_interface.UPPER[0], facets.values
+        )
+        return mesh, cells, split_interface.dmesh.meshtags(mesh, 1, facets.indices, values)
 
     with pytest.warns(
         PairingWarning, match="beyond the edge"

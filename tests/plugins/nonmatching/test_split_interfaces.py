@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-import split
+import split_interface
 from needs import DOUBLE_PASS, MORTAR, NODE_TO_SURFACE, needs, node_to_surface
 
 import hhr_dolfinx as hhr
@@ -18,8 +18,14 @@ pytestmark = needs("nonmatching")
 
 def answers(pairing, cells, **options):
     """Full models and answers of the interface as two contacts, and as one."""
-    halves = [pairing(*tags, **options) for tags in zip(split.UPPER, split.LOWER, strict=True)]
-    scenes = split.scene(halves, cells), split.scene(halves[:1], cells, split=False)
+    halves = [
+        pairing(*tags, **options)
+        for tags in zip(split_interface.UPPER, split_interface.LOWER, strict=True)
+    ]
+    scenes = (
+        split_interface.scene(halves, cells),
+        split_interface.scene(halves[:1], cells, split=False),
+    )
     full = [hhr.FullOrderModel(scene) for scene in scenes]
     return full, [model.solve(POINT) for model in full]
 
@@ -44,9 +50,12 @@ def test_two_contacts_are_one_interface(pairing, cells):
 
 @needs("sliding")
 def test_surfaces_that_slide_far_refuse_it():
-    halves = [node_to_surface(*tags) for tags in zip(split.UPPER, split.LOWER, strict=True)]
-    held = split.scene(halves, outputs=())
-    above = hhr.Displacement(split.side(split.SECOND, 1, upper=True), 0)
+    halves = [
+        node_to_surface(*tags)
+        for tags in zip(split_interface.UPPER, split_interface.LOWER, strict=True)
+    ]
+    held = split_interface.scene(halves, outputs=())
+    above = hhr.Displacement(split_interface.side(split_interface.SECOND, 1, upper=True), 0)
     held = dataclasses.replace(
         held, displacements=(*held.displacements[:2], held.displacements[3], above)
     )

@@ -10,11 +10,11 @@ import pellet_cladding
 import press_fit
 import pytest
 import sphere_on_block
-import split
+import split_interface
 from mpi4py import MPI
 from needs import needs, present
 from scenes import block_scene
-from sheared import driven, leaning, lifted, round_block, rubbing
+from sheared_blocks import driven, leaning, lifted, round_block, rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.formulas import Scalar
@@ -47,12 +47,15 @@ def held():
 
 def halves():
     """Two contacts share a node in the middle, off the middle of the pressure."""
-    pairs = [hhr.NodeToNode(*tags, (0, -1)) for tags in zip(split.UPPER, split.LOWER, strict=True)]
+    pairs = [
+        hhr.NodeToNode(*tags, (0, -1))
+        for tags in zip(split_interface.UPPER, split_interface.LOWER, strict=True)
+    ]
     bodies = (
-        hhr.Body(split.FIRST, young=1e3, poisson=0.1),
-        hhr.Body(split.SECOND, young=1e3, poisson=0.4),
+        hhr.Body(split_interface.FIRST, young=1e3, poisson=0.1),
+        hhr.Body(split_interface.SECOND, young=1e3, poisson=0.4),
     )
-    scene = split.scene(
+    scene = split_interface.scene(
         pairs, bodies=bodies, parameters=hhr.ParameterSpace(("press",), (1.0,), (20.0,))
     )
     return dataclasses.replace(scene, outputs=(*scene.outputs, *ENERGY))
@@ -60,7 +63,7 @@ def halves():
 
 def bedded():
     """The same on a bed, whose energy is left out."""
-    bed = hhr.Springs(side(split.FIRST, 1, upper=False), 1, 300.0, bedding=True)
+    bed = hhr.Springs(side(split_interface.FIRST, 1, upper=False), 1, 300.0, bedding=True)
     scene = halves()
     return dataclasses.replace(
         scene, displacements=scene.displacements[:1] + scene.displacements[2:], loads=(bed,)

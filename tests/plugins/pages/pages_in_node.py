@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bare import WAIT
+from processes import WAIT
 
 from hhr_dolfinx.plugins.pages import page
 

@@ -8,7 +8,7 @@ from condensing import TIGHT, condensed
 from mpi4py import MPI
 from page_scenes import in_space
 from scenes import slope, space
-from sheared import FIRST, SECOND, round_block, rubbing
+from sheared_blocks import FIRST, SECOND, round_block, rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries.two_blocks import side

@@ -40,7 +40,7 @@ from pages_in_node import (
 )
 from scenes import slope
 from scipy.sparse import csr_matrix
-from sheared import rubbing
+from sheared_blocks import rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError, NotOfferedError

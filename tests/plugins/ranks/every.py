@@ -12,9 +12,9 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from bare import folders_of
 from click.testing import CliRunner
 from mpi4py import MPI
+from processes import folders_of
 from scenes import pressed_block, pressed_pair
 
 import hhr_dolfinx as hhr

@@ -5,8 +5,8 @@ other lengths.
 import json
 
 import pytest
-from bare import folders_of
-from launched import launch, run_program
+from mpirun import launch, run_program
+from processes import folders_of
 
 PROGRAM = f"""
 import json, sys

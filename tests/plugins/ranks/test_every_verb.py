@@ -8,9 +8,9 @@ import re
 import every
 import numpy as np
 import pytest
-from bare import folders_of
-from launched import launch
+from mpirun import launch
 from needs import OURS, needs
+from processes import folders_of
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry

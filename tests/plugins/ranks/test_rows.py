@@ -6,9 +6,9 @@ import json
 
 import numpy as np
 import pytest
-from bare import folders_of
-from launched import launch
+from mpirun import launch
 from needs import needs, present
+from processes import folders_of
 from scipy.sparse import random_array
 
 import hhr_dolfinx as hhr

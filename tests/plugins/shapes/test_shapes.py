@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 import scenes
-from bare import folders_of
-from launched import launch
+from mpirun import launch
 from needs import cases_of, needs
+from processes import folders_of
 from scenes import (
     check_alike,
     check_contact_conditions,

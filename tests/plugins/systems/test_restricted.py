@@ -9,11 +9,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bare import folders_of
-from launched import launch
 from mpi4py import MPI
+from mpirun import launch
 from my_system import MySystem
 from needs import needs
+from processes import folders_of
 from scenes import block_scene, largest_difference, lying, pressed_pair, slope_errors, space
 from scipy.sparse import csr_matrix, save_npz
 from toy_system import Foundation, Parted

@@ -7,11 +7,11 @@ from functools import partial
 
 import numpy as np
 import pytest
-from bare import folders_of
 from kept_values import put, rewrite_model
-from launched import launch
+from local_models_by_hand import by_lapack
+from mpirun import launch
 from needs import needs
-from parted import by_lapack
+from processes import folders_of
 from scenes import block_scene, check_alike, largest_difference, pair_scene, slope, slope_errors
 
 import hhr_dolfinx as hhr
