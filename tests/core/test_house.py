@@ -385,6 +385,7 @@ def other_tests(name, text, tests):
         ('f("import sys; import test_a, test_b")', {"test_a"}),
         ("import test_b\nfrom scenes import block\n# as in test_a", set()),
     ],
+    ids=["a name", "in a function", "in a program", "in a line of a program", "none"],
 )
 def test_an_import_of_another_test_is_seen(text, found):
     assert other_tests("test_b", text, {"test_a", "test_b"}) == found
