@@ -9,12 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from needs import needs
-from scenes import pair_scene, pressed_block, slope, space, whole_domain
+from scenes import Twice, pair_scene, pressed_block, slope, space, whole_domain
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
-from hhr_dolfinx.contact.rows import joined
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, SingularError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.linear.dense import LapackLU, PetscLU
@@ -376,20 +375,6 @@ def test_each_model_adds_its_own_advice():
     fields = SimpleNamespace(amplitudes=model.eliminated.amplitudes, interface=None)
     with pytest.raises(SingularError, match=r"K~ cannot be eliminated.*singular: add RID layers"):
         ReducedModel(zero, model.parameters, fields, known=model.known)
-
-
-@dataclasses.dataclass(frozen=True)
-class Twice:
-    """A pairing that makes its rows twice, which the scene cannot see."""
-
-    once: hhr.Obstacle
-
-    @property
-    def tags(self):
-        return self.once.tags
-
-    def rows(self, surfaces, dofs):
-        return joined([self.once.rows(surfaces, dofs)] * 2)
 
 
 def test_a_pair_listed_twice_is_named_in_a_full_model():

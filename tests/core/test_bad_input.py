@@ -2,12 +2,12 @@
 
 import dataclasses
 import re
-import typing
 
 import hertz_half_discs as demo
 import numpy as np
 import pytest
 import ufl
+from made_loads import made, of_form
 from needs import needs
 from scenes import pressed_block, pressed_pair, slope
 from toy_pairing import RoundPunch
@@ -283,25 +283,6 @@ def test_numbers_are_constant_amplitudes():
     )
     for item in (*items, hhr.PartialPressure(1, 2.0, "mu"), hhr.Opening(0, 2.0)):
         assert item.amplitude == hhr.Amplitude(2.0)
-
-
-@dataclasses.dataclass(frozen=True)
-class Made:
-    """A load whose terms are made by a function of the assembler."""
-
-    make: typing.Callable
-
-    def terms(self, assembler):
-        return self.make(assembler)
-
-
-def made(terms):
-    return {"loads": (Made(terms),)}
-
-
-def of_form(form):
-    """A load with a form that is a function of v and ds of the right side."""
-    return made(lambda ask: [hhr.Term(hhr.Amplitude(1.0), ask.vector(form(ask.test, ask.ds(21))))])
 
 
 def of_term(amplitude, columns=None):

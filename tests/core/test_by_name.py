@@ -13,8 +13,8 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from bare import python
 from needs import needs, present
+from processes import python
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import by_name

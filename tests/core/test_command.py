@@ -14,9 +14,9 @@ from unittest.mock import Mock
 import contract
 import numpy as np
 import pytest
-from bare import WAIT, python
-from launched import run_program
+from mpirun import run_program
 from needs import needs, present
+from processes import WAIT, python
 from shell import AT, DEMO, ENVIRONMENT, POINT, PROGRAM, SPRING, TRAIN, invoke, run
 
 import hhr_dolfinx as hhr

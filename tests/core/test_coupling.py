@@ -13,9 +13,9 @@ import time
 from pathlib import Path
 
 import contract
+import coupling_stand_ins
 import numpy as np
 import pytest
-import stand_ins
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import OutsideTrainingError, ParameterError
@@ -99,7 +99,7 @@ def test_the_page_has_short_recipes_of_public_functions():
 
 @BOTH
 def test_openturns(kind, library, run, model, narrow, beyond, exact):
-    openturns = library("openturns", stand_ins.openturns)
+    openturns = library("openturns", coupling_stand_ins.openturns)
     point, values, slopes = exact
     function = run("OpenTURNS", model)["function"]
     assert list(function.getInputDescription()) == list(model.parameters.names)
@@ -118,7 +118,7 @@ def test_openturns(kind, library, run, model, narrow, beyond, exact):
 
 @BOTH
 def test_pymor(kind, library, run, model, narrow, beyond, exact):
-    library("pymor", stand_ins.pymor)
+    library("pymor", coupling_stand_ins.pymor)
     point, values, slopes = exact
     made = run("pyMOR", model)["ContactModel"](model)
     mu = made.parameters.parse(dict(zip(model.parameters.names, point, strict=True)))
@@ -157,8 +157,8 @@ def written(tmp_path, monkeypatch):
 
 @BOTH
 def test_tesseract(kind, library, written, model, narrow, beyond, exact):
-    core = library("tesseract_core", stand_ins.tesseract)
-    library("tesseract_core.runtime", stand_ins.tesseract)
+    core = library("tesseract_core", coupling_stand_ins.tesseract)
+    library("tesseract_core.runtime", coupling_stand_ins.tesseract)
     point, values, slopes = exact
     asked = {"parameters": np.array(point, dtype=float)}
     names = ["parameters"], ["outputs"]

@@ -6,33 +6,25 @@ pressure is 10.
 
 import numpy as np
 import pytest
+from cubes_in_files import (
+    CORNERS,
+    CUBE,
+    PLACED,
+    SECOND,
+    nodes_of_deck,
+    pressure,
+    reasons,
+    size_of,
+    two_cubes,
+    written,
+)
 from mpi4py import MPI
 from needs import needs
 from scipy.spatial.transform import Rotation
-from test_file_contents import nodes_of_deck, pressure, reasons, size_of, two_cubes, written
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError, SceneError
 
-CORNERS = [
-    (float(x), float(y), float(z)) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))
-]
-CUBE = (
-    "*PART, NAME=Cube\n"
-    + nodes_of_deck(CORNERS)
-    + "*ELEMENT, TYPE=C3D8\n1, 1, 2, 3, 4, 5, 6, 7, 8\n"
-    + (
-        "*ELSET, ELSET=Whole\n1\n*NSET, NSET=Bottom, GENERATE\n1, 4, 1\n"
-        "*SURFACE, NAME=Top\nWhole, S2\n*END PART\n"
-    )
-)
-# upside down, the axis parallel to x through the middle, and then up: the top of the part is the
-# lower side
-TURNED = "0., 0., 1.01\n0., 0.5, 1.51, 1., 0.5, 1.51, 180.\n"
-PLACED = (
-    "*ASSEMBLY, NAME=all\n*INSTANCE, NAME=Low-1, PART=cube\n*END INSTANCE\n"
-    + f"*INSTANCE, NAME=Up-1, PART=CUBE\n{TURNED}*END INSTANCE\n"
-)
 NAMES = ("Low-1.Whole", "Up-1", "Low-1.Bottom", "Low-1.Top", "Up-1.Top", "Up-1.Bottom")
 
 
@@ -138,36 +130,6 @@ def test_the_place_of_an_instance_is_that_of_the_manual(tmp_path):
             tmp_path / "a.inp", f"{CUBE}*INSTANCE, NAME=A, PART=Cube\n{rows}*END INSTANCE\n"
         )
         np.testing.assert_allclose(hhr.MeshFile(path).read().points, right, atol=1e-12)
-
-
-SQUARE = ((0, 0), (2, 0), (2, 1), (0, 1))
-SECOND = {
-    "CPE8": ([(*p, 0) for p in SQUARE], ((0, 1), (1, 2), (2, 3), (3, 0)), 2),
-    "CPS6": ([(0, 0, 0), (2, 0, 0), (0, 2, 0)], ((0, 1), (1, 2), (2, 0)), 2),
-    "C3D10": (
-        [(0, 0, 0), (2, 0, 0), (0, 2, 0), (0, 0, 3)],
-        ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
-        2,
-    ),
-    "C3D20R": (
-        [(*p, z) for z in (0, 1) for p in SQUARE],
-        (
-            (0, 1),
-            (1, 2),
-            (2, 3),
-            (3, 0),
-            (4, 5),
-            (5, 6),
-            (6, 7),
-            (7, 4),
-            (0, 4),
-            (1, 5),
-            (2, 6),
-            (3, 7),
-        ),
-        2,
-    ),
-}
 
 
 @pytest.mark.parametrize("kind", SECOND)

@@ -10,9 +10,9 @@ import bolted_joint as joint
 import numpy as np
 import pellet_cladding_plastic as plastic
 import pytest
-from bare import python
 from needs import needs
 from pellet_cladding import QUICK_MESH
+from processes import python
 
 import hhr_dolfinx as hhr
 

@@ -192,7 +192,7 @@ def test_twin_conditions_are_both_held_and_clamps_stay(pair_and_stop):
 def test_estimates_are_right_where_conditions_are_twins(pair_and_stop):
     """5 of these 200 points were beyond their bound."""
     full, model = pair_and_stop
-    from test_bounds import check
+    from bound_checks import check
 
     check(full, model, full.parameters.random(200, 3))
 

@@ -10,9 +10,9 @@ import contract
 import numpy as np
 import pellet_materials as materials_demo
 import pytest
+from local_models_by_hand import pellet_training
 from mpi4py import MPI
 from needs import needs, present
-from parted import pellet_training
 from scenes import pressed_block
 
 import hhr_dolfinx as hhr

@@ -5,8 +5,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from bare import SCENE_FOLDERS, python
 from needs import present
+from processes import SCENE_FOLDERS, python
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import HHRError, MissingPackageError

@@ -17,75 +17,37 @@ import meshio
 import numpy as np
 import pytest
 import ufl
-from bare import SCENE_FOLDERS
-from dolfinx import fem, io
-from launched import launch
+from cubes_in_files import (
+    CUBES,
+    DECK,
+    FACES,
+    NAMES,
+    NUMBERS,
+    POINTS,
+    by_meshio,
+    nodes_of_deck,
+    pressure,
+    reasons,
+    size_of,
+    two_cubes,
+    write_exodus,
+    written,
+)
+from dolfinx import io
 from libraries import MED, needs_med
 from mpi4py import MPI
+from mpirun import launch
 from needs import needs
+from processes import folders_of
 from scenes import block_scene, slope, space
-from test_mesh_files import write_exodus
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.compat import linear_mesh, netcdf4, tags_of
 from hhr_dolfinx.errors import FileContentError, SceneError
 from hhr_dolfinx.geometries.mesh_file import summary_of
 
-POINTS = [
-    (float(x), float(y), z)
-    for z in (0.0, 1.0, 1.01, 2.01)
-    for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))
-]
-CUBES = ((1, 2, 3, 4, 5, 6, 7, 8), (9, 10, 11, 12, 13, 14, 15, 16))
-FACES = {11: (1, 2, 3, 4), 12: (5, 6, 7, 8), 13: (9, 10, 11, 12), 14: (13, 14, 15, 16)}
-NUMBERS = (1, 2, 11, 12, 13, 14)
-NAMES = ("LOWER", "UPPER", "FLOOR", "MASTER", "SLAVE", "LID")
-
-
-def nodes_of_deck(points, first=1):
-    return "*NODE\n" + "".join(
-        f"{k}, {', '.join(map(str, place))}\n" for k, place in enumerate(points, first)
-    )
-
-
-DECK = (
-    nodes_of_deck(POINTS)
-    + "*ELEMENT, TYPE=C3D8, ELSET=LOWER\n1, 1, 2, 3, 4, 5, 6, 7, 8\n"
-    + "*ELEMENT, TYPE=C3D8, ELSET=UPPER\n2, 9, 10, 11, 12, 13, 14, 15, 16\n"
-    + "*SURFACE, NAME=FLOOR\n1, S1\n*SURFACE, NAME=MASTER\n1, S2\n"
-    + "*SURFACE, NAME=SLAVE\n2, S1\n*SURFACE, NAME=LID\n2, S2\n"
-)
 TOOL = nodes_of_deck([(x, y, 9.0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], 100)
 WEDGE = [(x, y, z) for z in (5.0, 6.0) for x, y in ((0, 0), (1, 0), (0, 1))]
-
-
-def written(path, text):
-    path.write_text(text)
-    return path
-
-
-def two_cubes(path, names=NUMBERS):
-    lower, upper, floor, top, under, lid = names
-    held = *hhr.Displacement.clamp(floor, 3), *hhr.Displacement.clamp(lid, 2)
-    return hhr.Scene(
-        name="two_cubes",
-        geometry=hhr.MeshFile(path),
-        hypothesis="solid",
-        bodies=tuple(hhr.Body(tag, 1e3, 0.0) for tag in (lower, upper) if tag is not None),
-        contacts=(hhr.NodeToSurface(under, top),),
-        displacements=(*held, hhr.Displacement(lid, 2, slope("down", -1.0))),
-        parameters=space(down=(0.0, 0.05)),
-        outputs=(hhr.LargestPressure("pressure", contact=0),),
-    )
-
-
-def pressure(path, names=NUMBERS):
-    found = hhr.FullOrderModel(two_cubes(path, names), MPI.COMM_SELF).solve({"down": 0.03})
-    return found.outputs()["pressure"]
-
-
-def reasons(path):
-    return hhr.MeshFile(path).read().left_out
 
 
 EXTRA = {
@@ -290,17 +252,6 @@ def nastran():
         f"CQUAD4  {n:<8d}{n:<8d}" + "".join(f"{k:<8d}" for k in face) for n, face in FACES.items()
     ]
     return "\n".join([*rows, "ENDDATA", ""])
-
-
-def by_meshio(path, **arrays):
-    blocks = [("hexahedron", np.array(CUBES) - 1), ("quad", np.array([*FACES.values()]) - 1)]
-    data = {name: [np.array(values[:2]), np.array(values[2:])] for name, values in arrays.items()}
-    meshio.write(
-        path,
-        meshio.Mesh(np.array(POINTS), blocks, cell_data=data),
-        {".msh": "gmsh22"}.get(path.suffix),
-    )
-    return path
 
 
 def unv(data_set):
@@ -759,19 +710,6 @@ def test_gaps_of_a_look_are_those_that_are_drawn(tmp_path):
 # ---------------------------------------------------------------- attacks
 
 
-def size_of(found, name, dim, density=1.0):
-    """Length, area or volume of what a name stands for, or the integral of a density over it, on
-    all ranks.
-    """
-    mesh, cells, facets = found
-    (numbers,) = [own for key, (of, own) in found.physical_groups if key == name and of == dim]
-    measure, tags = (ufl.dx, cells) if dim == mesh.topology.dim else (ufl.ds, facets)
-    form = fem.form(
-        density * fem.Constant(mesh, 1.0) * measure(subdomain_data=tags)(tuple(numbers))
-    )
-    return mesh.comm.allreduce(fem.assemble_scalar(form))
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Two rectangles in every format of gmsh, with overlapping groups, and a name that a body and a
@@ -935,7 +873,7 @@ def print_sizes(*paths):
 def test_ranks_have_the_same_surfaces(folder):
     paths = [str(folder / name) for name in ("2.2_1.msh", "flat.inp")]
     program = (
-        f"import sys; sys.path[:0] = {SCENE_FOLDERS!r}; import test_file_contents as t; "
+        f"import sys; sys.path[:0] = {folders_of(__file__)!r}; import test_file_contents as t; "
         f"t.print_sizes(*{paths!r})"
     )
     one, three = (json.loads(launch(n, ["-c", program]).splitlines()[-1]) for n in (1, 3))

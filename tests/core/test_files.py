@@ -24,9 +24,10 @@ from unittest.mock import Mock
 import numpy as np
 import pellet_cladding as demo
 import pytest
-from bare import SCENE_FOLDERS, BareFull, answer, bare_problem, on_disk, python, rewrite_signed
+from bare_problem import BareFull, answer, bare_problem, on_disk, rewrite_signed
 from mpi4py import MPI
 from needs import needs, present
+from processes import SCENE_FOLDERS, python
 from rich.console import Console
 
 import hhr_dolfinx as hhr
@@ -175,7 +176,7 @@ import sys
 sys.path.insert(0, {str(Path(__file__).parents[1])!r})
 import numpy as np
 import hhr_dolfinx as hhr
-from bare import BareFull, answer
+from bare_problem import BareFull, answer
 store = hhr.SnapshotStore(sys.argv[1], BareFull(**{SIZES}))
 print("go", flush=True)
 for k in range(int(sys.argv[2]), 10**9):

@@ -14,9 +14,9 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
-from bare import WAIT, python
-from launched import launch
+from mpirun import launch
 from needs import needs
+from processes import WAIT, python
 
 from hhr_dolfinx.solver_first import COPY, install_for_all
 

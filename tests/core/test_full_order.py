@@ -15,7 +15,7 @@ from scenes import (
     slope,
     space,
 )
-from tubes import YOUNG, tube
+from tubes import lame, lame_displacement, lame_tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileError
@@ -75,31 +75,6 @@ def test_several_pairs_act_independently():
     lam, mu = 2.0 * 0.25 / (1.25 * 0.5), 2.0 / 2.5
     assert forces[:5].sum() == pytest.approx(0.05 * lam, rel=1e-10)
     assert forces[5:].sum() == pytest.approx(0.05 * (lam + 2 * mu), rel=1e-10)
-
-
-def lame_tube(cells, gap, poisson=0.3):
-    """Tube 1 <= r <= 2 under inner pressure in [0, 1], held axially, with a rigid wall at 2 +
-    gap.
-    """
-    return tube(
-        None,
-        1.0,
-        cells,
-        poisson,
-        contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), 2 + gap),),
-    )
-
-
-def lame(inner, outer):
-    """A and C of sigma_r = A - C / r^2 and sigma_theta = A + C / r^2 under pressures at r = 1 and
-    2.
-    """
-    return (inner - 4 * outer) / 3, 4 * (inner - outer) / 3
-
-
-def lame_displacement(A, C, r, poisson=0.3):
-    """u_r in plane strain."""
-    return (1 + poisson) / YOUNG * ((1 - 2 * poisson) * A * r + C / r)
 
 
 def test_lame_tube_converges_with_and_without_the_wall():

@@ -7,8 +7,8 @@ pressure is 10.
 
 import numpy as np
 import pytest
+from cubes_in_files import DECK, NAMES, pressure, reasons, written
 from needs import needs
-from test_file_contents import DECK, NAMES, pressure, reasons, written
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import figures
 import pytest
-from bare import SCENE_FOLDERS, python
 from mpi4py import MPI
 from needs import OURS, needs, present
+from processes import SCENE_FOLDERS, python
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
@@ -365,6 +365,47 @@ def test_pages_name_what_is_there():
             if not known or (rest and not re.search(rf"\b{rest[0]}\b", texts[known[-1]])):
                 missing.append((page.name, said))
     assert not missing
+
+
+def other_tests(name, text, tests):
+    """Names of tests that the text of a module imports, also in a program for another process.
+
+    There a test may import itself.
+    """
+    statements = re.findall(r"(?:^|[\"';])\s*(?:from|import) ([^\n\"']*)", text, re.MULTILINE)
+    return tests & {word for line in statements for word in re.findall(r"\w+", line)} - {name}
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("from test_a import scene", {"test_a"}),
+        ("def f():\n    import numpy, test_a as other", {"test_a"}),
+        ('PROGRAM = """\nimport test_a\n"""', {"test_a"}),
+        ('f("import sys; import test_a, test_b")', {"test_a"}),
+        ("import test_b\nfrom scenes import block\n# as in test_a", set()),
+    ],
+    ids=["a name", "in a function", "in a program", "in a line of a program", "none"],
+)
+def test_an_import_of_another_test_is_seen(text, found):
+    assert other_tests("test_b", text, {"test_a", "test_b"}) == found
+
+
+def test_no_test_imports_another():
+    """What two of them share lies in a module whose name says what it holds."""
+    files = sorted((ROOT / "tests").rglob("*.py"))
+    tests = {path.stem for path in files if path.stem.startswith("test_")}
+    assert len(tests) > 40
+    found = {path.stem: other_tests(path.stem, path.read_text(), tests) for path in files}
+    assert not {name: others for name, others in found.items() if others}
+
+
+def test_each_plug_in_has_a_folder_of_tests():
+    """Of its name, with a test at least; and no other folder has one."""
+    folders = {path.parent.name for path in (ROOT / "tests/plugins").glob("*/*.py")}
+    tested = {path.parent.name for path in (ROOT / "tests/plugins").glob("*/test_*.py")}
+    own = {path.parent.name for path in (ROOT / "hhr_dolfinx/plugins").glob("*/__init__.py")}
+    assert folders == tested == own
 
 
 def test_files_of_make_quick_are_there():

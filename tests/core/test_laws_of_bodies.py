@@ -9,10 +9,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from entry_points import Entry
 from mpi4py import MPI
 from needs import needs, present
 from scenes import pressed_block, with_bodies
-from test_registry import Entry
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry

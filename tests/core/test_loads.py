@@ -6,10 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from bare import SCENE_FOLDERS
-from launched import launch
 from mpi4py import MPI
+from mpirun import launch
 from needs import needs
+from processes import folders_of
 from scenes import (
     block_scene,
     check_contact_conditions,
@@ -92,13 +92,16 @@ def test_loads_of_a_users_own(make, counts):
 @needs("ranks", "volume_loads")
 def test_loads_on_two_ranks():
     program = (
-        f"import sys; sys.path[:0] = {SCENE_FOLDERS!r}\n"
-        "import pytest, ufl, test_loads as t, test_bad_input as bad, hhr_dolfinx as hhr\n"
+        f"import dataclasses, sys; sys.path[:0] = {folders_of(__file__)!r}\n"
+        "import pytest, ufl, made_loads, scenes, test_loads as t, hhr_dolfinx as hhr\n"
         "for scene, mu in ((t.heavy_column(), (0.05, 0.03)), (t.windy_column(), (1.5,))):\n"
         "    force = hhr.FullOrderModel(scene).solve(mu).forces().sum()\n"
         "    assert force == pytest.approx(t.WIDTH * t.pressure_of(scene, mu), rel=1e-10)\n"
-        "bad.test_loads_and_pairings_of_a_users_own(bad.of_form(lambda v, ds: ufl.inner(v, v) * "
-        "ds), 'linear in v')\nprint('all is well')\n"
+        "load = made_loads.of_form(lambda v, ds: ufl.inner(v, v) * ds)\n"
+        "with pytest.raises(hhr.errors.SceneError, match='linear in v'):\n"
+        "    block = scenes.pressed_block('plane_strain')\n"
+        "    hhr.FullOrderModel(dataclasses.replace(block, **load))\n"
+        "print('all is well')\n"
     )
     assert launch(2, ["-c", program]).count("all is well") == 2
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import ufl
 import your_scene
+from cubes_in_files import write_exodus
 from dolfinx import fem, io
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
@@ -20,7 +21,7 @@ from needs import needs, present
 from scenes import largest_difference, slope
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.compat import degree_of, netcdf4
+from hhr_dolfinx.compat import degree_of
 from hhr_dolfinx.errors import FileContentError, SceneError, SceneWarning
 from hhr_dolfinx.full_order.discretisation import Discretisation
 
@@ -63,45 +64,6 @@ def by_numbers(scene):
             dataclasses.replace(item, tag=numbers[item.tag]) for item in scene.displacements
         ),
     )
-
-
-def write_exodus(path, points, blocks, sides=None, names=(), form="NETCDF3_64BIT_OFFSET"):
-    """Blocks by number: type and nodes.
-
-    Sets of sides by number: (element, side), or None for an empty one.
-    """
-    with netcdf4("a test").Dataset(path, "w", format=form) as data:
-
-        def put(name, values, *axes):
-            for axis, size in zip(axes, np.shape(values), strict=True):
-                if axis not in data.dimensions:
-                    data.createDimension(axis, size)
-            found = data.createVariable(name, values.dtype, axes)
-            found[:] = values
-            return found
-
-        points = np.array(points, dtype=float).T
-        for axis, row in zip("xy", points, strict=False):
-            if len(points) == 2:
-                put(f"coord{axis}", row, "num_nodes")
-        if len(points) == 3:
-            put("coord", points, "num_dim", "num_nodes")
-        for kind, axis, items in (("eb", "num_el_blk", blocks), ("ss", "num_side_sets", sides)):
-            if items:
-                put(f"{kind}_prop1", np.array(list(items), dtype="i4"), axis)
-            if items and names:
-                words = np.array([names[number] for number in items], dtype="S33")
-                put(f"{kind}_names", words.view("S1").reshape(len(items), 33), axis, "len_string")
-        for k, (kind, rows) in enumerate(blocks.values(), start=1):
-            put(
-                f"connect{k}", np.array(rows, dtype="i4"), f"num_el_in_blk{k}", f"num_nod_per_el{k}"
-            ).elem_type = kind
-        for k, pairs in enumerate((sides or {}).values(), start=1):
-            for what, column in zip(
-                ("elem", "side"), () if pairs is None else np.transpose(pairs), strict=False
-            ):
-                put(f"{what}_ss{k}", column.astype("i4"), f"num_side_ss{k}")
-    return path
 
 
 @needs("exporters", "nonmatching")

@@ -13,13 +13,22 @@ from functools import cache
 import contract
 import numpy as np
 import pytest
-from bare import arrays_of, python, rewrite_signed
+from bare_problem import arrays_of, rewrite_signed
 from flowing import demo as plastic
 from flowing import flowing_full, flowing_reduction, pellet_of_moduli
 from flowing import pellet_path as heated
 from kept_values import array, both, entry, node_of, put, rewrite_model
+from local_models_by_hand import (
+    CUT,
+    REACH,
+    by_lapack,
+    one_cut,
+    parts_of,
+    pellet_training,
+    three_models,
+)
 from needs import needs, present
-from parted import CUT, REACH, by_lapack, one_cut, parts_of, pellet_training, three_models
+from processes import python
 from scenes import pressed_block, slope
 from threads import at_once
 from toy_law import Bingham

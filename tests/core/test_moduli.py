@@ -5,9 +5,9 @@ What the core alone lacks is named.
 
 from types import SimpleNamespace
 
-import contract
 import numpy as np
 import pytest
+from impossible_moduli import POINT, RATIO, WHERE, YOUNG, scene
 from needs import needs
 from scenes import check_like, pressed_pair
 
@@ -18,19 +18,6 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ModelFileError, NoBoundWarning, NotOfferedError, NotSolvableError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.eliminations.block import BlockElimination
-
-WHERE = 2.71830
-"""Value of the parameter at which the constants are impossible, within 1e-4 of it and nowhere
-else.
-"""
-DIP = f"exp(-((E1 - {WHERE}) / 1e-5) ** 2)"
-YOUNG = f"E1 * (1 - 3 * {DIP})"
-RATIO = f"0.2 + 0.01 * E1 + 0.5 * {DIP}"
-POINT = {"push": 0.04, "load": 0.05, "E1": WHERE}
-
-
-def scene(young, poisson, **how):
-    return contract.blocks((young, poisson), box={"E1": (2.0, 4.0)}, **how)
 
 
 @pytest.fixture(scope="module", params=[(YOUNG, 0.3), (YOUNG, "0.2 + 0.02 * E1"), ("E1", RATIO)],

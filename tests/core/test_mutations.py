@@ -19,8 +19,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bare import BareFull, answer, python, rewrite_signed
+from bare_problem import BareFull, answer, rewrite_signed
 from needs import needs, present
+from processes import python
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ModelFileError, SnapshotFileWarning

@@ -8,9 +8,9 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from bare import SCENE_FOLDERS
 from mpi4py import MPI
 from needs import needs, present
+from processes import SCENE_FOLDERS
 
 import hhr_dolfinx as hhr
 

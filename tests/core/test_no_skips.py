@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
-from bare import python
+from processes import python
 
 TESTS = """
 import pytest

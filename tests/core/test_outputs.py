@@ -6,12 +6,11 @@ import dataclasses
 import pickle
 
 import numpy as np
-import pellet_cladding as demo
 import pytest
-import ufl
-from bare import read_csv
+from bare_problem import read_csv
 from my_output import MyOutput
 from needs import needs, present
+from pellet_outputs import OUTPUTS, small_pellet
 from scenes import output_slopes, pressed_block, pressed_pair, space, stacked
 
 import hhr_dolfinx as hhr
@@ -25,20 +24,8 @@ PRESSURE, YOUNG = 2.0, 50.0
 POINT = {"P1": 100.0, "h1": 3.07, "E1": 190e3, "nu1": 0.3, "E2": 78e3, "nu2": 0.34}
 
 
-def mean_radial(assembler):
-    """Radial displacement integrated over the pellet."""
-    radius = ufl.SpatialCoordinate(assembler.dx(geometry.PELLET).ufl_domain())[0]
-    return 2 * ufl.pi * radius * assembler.test[0] * assembler.dx(geometry.PELLET)
-
-
-STRESSES, WRONG_STRESSES = (), []
+WRONG_STRESSES = []
 if present("stress"):
-    STRESSES = (
-        hhr.VonMises("largest", geometry.CLADDING),
-        hhr.VonMises("mean", geometry.PELLET, "mean"),
-        hhr.VonMises("below", geometry.PELLET, "max", ((0.0, 0.0), (2.0, 3.0))),
-        hhr.ElasticEnergy("energy"),
-    )
     WRONG_STRESSES = [
         (hhr.VonMises("a", 77), "output 'a': the cell tag 77 is not among the bodies"),
         (
@@ -47,23 +34,6 @@ if present("stress"):
         ),
         (hhr.VonMises("a", geometry.PELLET, where=((9.0,), (9.5,))), "must have 2 coordinates"),
     ]
-OUTPUTS = (
-    hhr.LargestPressure("peak", 0, unit="MPa"),
-    hhr.ContactForce("radial", 0, (1.0, 0.0), unit="N"),
-    hhr.ContactForce("lift", 1, (0.0, 2.0)),
-    *((hhr.Torque("torque", 0, 0.3, unit="N mm"),) if present("friction") else ()),
-    hhr.ContactWidth("area", 0),
-    hhr.LostContact("lost", 0),
-    hhr.GapAt("gap", 0, (4.1, 6.9)),
-    hhr.DisplacementAt("u_r", (4.7, 3.05), 0, unit="mm"),
-    *STRESSES,
-    hhr.LinearForm("swelling", mean_radial),
-)
-
-
-def small_pellet(**changes):
-    """The pellet on a small mesh, with outputs."""
-    return dataclasses.replace(demo.scene(**demo.QUICK_MESH), **({"outputs": OUTPUTS} | changes))
 
 
 @pytest.fixture(scope="module")

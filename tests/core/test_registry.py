@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import split
-from bare import python
+import split_interface
+from entry_points import Entry
 from needs import OURS, needs, present
+from processes import python
 from scenes import pressed_block, with_bodies
 from shell import invoke
 
@@ -32,18 +33,6 @@ FOLDERS = sorted(
 )
 NAMES = [pytest.param(name, marks=needs(name)) for name in OURS]
 """Our plug-ins, those that were deleted too."""
-
-
-class Entry:
-    """An entry point."""
-
-    def __init__(self, found, name="any"):
-        self.found, self.name, self.value = found, name, f"somewhere:{name}"
-
-    def load(self):
-        if isinstance(self.found, type):
-            raise self.found("no such module")
-        return self.found
 
 
 @pytest.fixture
@@ -247,10 +236,13 @@ def test_what_a_scene_needs_of_a_plug_in_that_is_not_there_is_named(tmp_path):
     for beyond in ({"poisson": 0.49}, {"young": "1 + push"}, {"grading": lambda x: 1 + x[0]}):
         with said("elasticity"):
             hhr.FullOrderModel(with_bodies(scene, **beyond))
-    halves = [hhr.NodeToNode(*tags, (0, -1)) for tags in zip(split.UPPER, split.LOWER, strict=True)]
+    halves = [
+        hhr.NodeToNode(*tags, (0, -1))
+        for tags in zip(split_interface.UPPER, split_interface.LOWER, strict=True)
+    ]
     with said("shared_nodes"):
-        hhr.FullOrderModel(split.scene(halves))
-    assert hhr.FullOrderModel(split.scene(halves[:1], outputs=())).conditions == 5
+        hhr.FullOrderModel(split_interface.scene(halves))
+    assert hhr.FullOrderModel(split_interface.scene(halves[:1], outputs=())).conditions == 5
 
 
 @pytest.mark.usefixtures("without")

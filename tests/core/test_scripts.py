@@ -12,11 +12,11 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from bare import SCENE_FOLDERS, python
 from needs import needs, present
+from processes import SCRIPT_FOLDERS, python
 
 ROOT = Path(__file__).parents[2]
-FILES = sorted(path for folder in SCENE_FOLDERS[2:] for path in Path(folder).glob("*.py"))
+FILES = sorted(path for folder in SCRIPT_FOLDERS for path in Path(folder).glob("*.py"))
 FILES += sorted(path for path in (ROOT / "demos").glob("*/*.py") if path.stem != "__init__")
 PROGRAMS = {path.stem: path for path in FILES if "__main__" in path.read_text()}
 TWICE = [path for path in FILES if "__main__" in path.read_text() and path not in PROGRAMS.values()]

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs
-from scenes import check_alike, largest_difference, lying, pressed_pair, space
+from readers_of_plugins import OF_PLUGINS, deck, scene, training
+from scenes import check_alike, largest_difference, lying, space
 from toy_system import Foundation, Parted
 
 import hhr_dolfinx as hhr
@@ -20,13 +21,6 @@ from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.starts import KnownStatuses
 
 pytestmark = needs("systems")
-
-
-def scene(**others):
-    given = {"outputs": (hhr.ContactForce("force", 0, (0.0, 1.0)),), "system": Foundation} | others
-    return pressed_pair(
-        "plane_strain", ((3.0, 0.3), (4.0, 0.3)), {"k": (0.0, 20.0)}, cells=4, **given
-    )
 
 
 @pytest.fixture(scope="module")
@@ -97,24 +91,8 @@ def test_it_answers_along_paths_and_in_tables(full):
         assert np.abs(found - forces).max() <= 1e-12 * np.abs(forces).max()
 
 
-def training():
-    return hhr.train(scene(), hhr.Sobol(8), held_out=2, comm=MPI.COMM_SELF)
-
-
 def statuses(full):
     return KnownStatuses(full.problem.middle[None], np.zeros((1, full.conditions), dtype=bool))
-
-
-def deck(full, path):
-    from hhr_dolfinx.plugins.exporters.deck import write_deck
-
-    write_deck(path / "deck.inp", full.discretisation, full.parameters.middle)
-
-
-def naive(full):
-    from hhr_dolfinx.plugins.baselines.naive import NaiveFullOrder
-
-    return NaiveFullOrder(full)
 
 
 READERS = {
@@ -132,20 +110,6 @@ READERS = {
     ),
     "all rows": lambda full, path: full.problem.stiffness,
 }
-OF_PLUGINS = {
-    "local": lambda full, path: training().local(),
-    "fallback": lambda full, path: training().safe_model(0.1),
-    "one_call": lambda full, path: hhr.reduce(scene(), 0.1, comm=MPI.COMM_SELF),
-    "sliding": lambda full, path: hhr.slide(scene(matching=False, openings=(), outputs=())),
-    "greedy": lambda full, path: hhr.train(scene(), hhr.Greedy(), comm=MPI.COMM_SELF),
-    "studies": lambda full, path: hhr.study_scene(
-        full.scene, hhr.StudySettings(training=hhr.Sobol(8)), path
-    ),
-    "baselines": lambda full, path: naive(full).solve(full.problem.middle),
-    "checks": lambda full, path: hhr.mesh_error(full, full.solve(full.problem.middle)),
-    "stress": lambda full, path: hhr.FullOrderModel(scene(outputs=(hhr.ElasticEnergy("energy"),))),
-}
-"""Readers of plug-ins."""
 
 
 @pytest.mark.parametrize(

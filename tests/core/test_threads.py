@@ -14,7 +14,7 @@ import pytest
 from needs import needs
 from petsc4py import PETSc
 from scenes import pressed_pair
-from sheared import PATH, rubbing
+from sheared_blocks import PATH, rubbing
 from threads import THREADS, at_once
 
 import hhr_dolfinx as hhr

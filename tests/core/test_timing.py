@@ -8,7 +8,7 @@ import threading
 import warnings
 
 import pytest
-from bare import python
+from processes import python
 from scenes import pressed_block
 from threads import at_once
 

@@ -10,7 +10,7 @@ import hertz_half_discs as hertz_demo
 import numpy as np
 import pellet_cladding as demo
 import pytest
-from bare import rewrite_signed
+from bare_problem import rewrite_signed
 from mpi4py import MPI
 from needs import needs, present
 from scenes import THESIS, pressed_pair, references_at, space, with_bodies

@@ -10,9 +10,8 @@ import hertz_half_discs as demo
 import pytest
 from mpi4py import MPI
 from needs import cases_of, needs
-from scenes import pressed_block, pressed_pair
-from test_active_set import Twice
-from test_varying import BODIES, MATERIALS, MESHES, check_same
+from scenes import Twice, pressed_block, pressed_pair
+from varying_moduli import BODIES, MATERIALS, MESHES, check_same
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry

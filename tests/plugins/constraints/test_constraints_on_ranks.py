@@ -1,15 +1,12 @@
 """Constraints, preload and springs on several ranks: the same numbers as on one."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
-from bare import SCENE_FOLDERS
-from launched import launch
+from mpirun import launch
 from needs import needs, present
-
-HERE = str(Path(__file__).parent)
+from processes import folders_of
 
 PROGRAM = """
 import json, sys
@@ -19,8 +16,8 @@ import numpy as np
 import hhr_dolfinx as hhr
 from dataclasses import replace
 from hhr_dolfinx.geometries import block
-from test_constraints import TOP, pressed, tied
-from test_preload import column, scene as bolt
+from tied_blocks import TOP, pressed, tied
+from bolted_columns import column, scene as bolt
 from mpi4py import MPI
 comm = MPI.COMM_WORLD
 out = {{}}
@@ -112,9 +109,7 @@ if comm.rank == 0:
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     folder = str(tmp_path_factory.mktemp("decks"))
-    program = PROGRAM.format(
-        laws=present("inelastic"), folders=[*SCENE_FOLDERS, HERE], folder=folder
-    )
+    program = PROGRAM.format(laws=present("inelastic"), folders=folders_of(__file__), folder=folder)
     known = {}
 
     def on(ranks):
@@ -158,7 +153,7 @@ import hhr_dolfinx as hhr
 from dataclasses import replace
 from mpi4py import MPI
 from scenes import space
-from test_constraints import RIGHT, TOP, pressed
+from tied_blocks import RIGHT, TOP, pressed
 
 comm = MPI.COMM_WORLD
 ends = [hhr.Nodes.near((x, 1.0)) for x in (0.0, 1.0)]
@@ -199,7 +194,7 @@ def test_energies_are_those_of_all_ranks(tmp_path):
     """Estimates are the errors by K of the same mesh without the equation, alike on all ranks, and
     none waits.
     """
-    program = ENERGIES.format(folders=[*SCENE_FOLDERS, HERE], folder=str(tmp_path))
+    program = ENERGIES.format(folders=folders_of(__file__), folder=str(tmp_path))
     ratios, fallen = json.loads(launch(2, ["-c", program]).splitlines()[-1])
     assert np.array(ratios) == pytest.approx(1.0, abs=0.1)
     assert all(asked > 0 for asked, _ in fallen)

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bolted_columns import AREA, LENGTH, YOUNG, column, scene
 from needs import needs
 from scenes import block_scene
 from scipy.optimize import brentq
-from test_constraints import tied
-from test_preload import AREA, LENGTH, YOUNG, column, scene
+from tied_blocks import tied
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block, two_blocks

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bolted_columns import AREA, column, scene
 from needs import needs
 from scenes import check_contact_conditions
-from test_constraints import tied
-from test_preload import AREA, column, scene
+from tied_blocks import tied
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotSolvableError

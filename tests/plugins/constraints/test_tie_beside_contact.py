@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
-import split
+import split_interface
 from needs import needs
 
 import hhr_dolfinx as hhr
@@ -15,7 +15,7 @@ from hhr_dolfinx.errors import SceneWarning
 from hhr_dolfinx.models.starts import KnownStatuses
 
 POINT = {"press": 10.0}
-RIGHT = split.half(10.0, 10.0, 1.5)
+RIGHT = split_interface.half(10.0, 10.0, 1.5)
 """Outputs of the contact of the right half in closed form."""
 
 
@@ -40,7 +40,7 @@ def test_the_contact_beside_a_tie_bears_its_half(pair, tie, cells):
     pressure passes.
     """
     full = hhr.FullOrderModel(
-        split.scene((hhr.Mortar(*pair),), cells, constraints=(hhr.Tie(*tie),))
+        split_interface.scene((hhr.Mortar(*pair),), cells, constraints=(hhr.Tie(*tie),))
     )
     answer = full.solve(POINT)
     assert answer.pressure() == pytest.approx(np.full(full.conditions, 10.0), rel=1e-9)
@@ -54,7 +54,7 @@ def test_the_contact_beside_a_tie_bears_its_half(pair, tie, cells):
 def test_other_pairings_and_friction_beside_a_tie(pairing):
     """Nothing slides, so that friction changes nothing: the closed form of the patch test holds."""
     friction = {"friction": 0.3} if pairing is hhr.Mortar else {}
-    scene = split.scene((pairing(62, 52, **friction),), constraints=(hhr.Tie(61, 51),))
+    scene = split_interface.scene((pairing(62, 52, **friction),), constraints=(hhr.Tie(61, 51),))
     assert outputs(hhr.FullOrderModel(scene).solve(POINT)) == pytest.approx(expected(1.0), abs=1e-9)
 
 
@@ -63,7 +63,7 @@ def test_a_gap_beside_a_tie_counts_where_nothing_is_tied():
 
     One of 1e-6, of a lift of 2e-2, changes 10 in the fourth digit.
     """
-    scene = split.scene((hhr.Mortar(62, 52),), constraints=(hhr.Tie(61, 51),))
+    scene = split_interface.scene((hhr.Mortar(62, 52),), constraints=(hhr.Tie(61, 51),))
     wide, narrow = (
         hhr.FullOrderModel(dataclasses.replace(scene, openings=(hhr.Opening(0, gap),)))
         .solve(POINT)
@@ -76,7 +76,9 @@ def test_a_gap_beside_a_tie_counts_where_nothing_is_tied():
 
 
 def test_the_condensed_model_beside_a_tie():
-    full = hhr.FullOrderModel(split.scene((hhr.Mortar(62, 52),), constraints=(hhr.Tie(61, 51),)))
+    full = hhr.FullOrderModel(
+        split_interface.scene((hhr.Mortar(62, 52),), constraints=(hhr.Tie(61, 51),))
+    )
     known = KnownStatuses(full.problem.middle[None], np.zeros((1, full.conditions), dtype=bool))
     model = hhr.exact_condensation(full, known)
     assert outputs(model.solve(POINT)) == pytest.approx(expected(1.0), abs=1e-9)
@@ -85,7 +87,9 @@ def test_the_condensed_model_beside_a_tie():
 def test_a_pair_that_is_tied_as_a_whole_is_named():
     """The surfaces of the right half are tied, and in contact too: the tie bears all of it."""
     pairs = (hhr.Mortar(61, 51), hhr.Mortar(62, 52))
-    scene = dataclasses.replace(split.scene(pairs, constraints=(hhr.Tie(62, 52),)), outputs=())
+    scene = dataclasses.replace(
+        split_interface.scene(pairs, constraints=(hhr.Tie(62, 52),)), outputs=()
+    )
     with pytest.warns(
         SceneWarning, match=r"5 nodes of contact 1 of \(62, 52\) with the area 1 are tied"
     ):
@@ -95,4 +99,4 @@ def test_a_pair_that_is_tied_as_a_whole_is_named():
     assert answer.forces().sum() == pytest.approx(10.0, rel=1e-9)
     with warnings.catch_warnings():
         warnings.simplefilter("error", SceneWarning)
-        hhr.FullOrderModel(split.scene(pairs[:1], constraints=(hhr.Tie(62, 52),)))
+        hhr.FullOrderModel(split_interface.scene(pairs[:1], constraints=(hhr.Tie(62, 52),)))

@@ -13,9 +13,9 @@ import toy_increments
 from mpi4py import MPI
 from my_contact_law import PLUGIN, Wear
 from needs import needs
+from readers_of_plugins import OF_PLUGINS, deck
 from scenes import block_scene, slope, space
 from scipy.optimize import root
-from test_systems import OF_PLUGINS, deck
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry

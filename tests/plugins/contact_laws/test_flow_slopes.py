@@ -8,7 +8,7 @@ from mpi4py import MPI
 from my_contact_law import Wear
 from my_gasket import Gasket
 from needs import needs
-from stacked import stacked, with_plugins
+from stacked_pairs import stacked, with_plugins
 
 import hhr_dolfinx as hhr
 

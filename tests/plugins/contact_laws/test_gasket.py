@@ -9,14 +9,14 @@ import my_contact_law
 import my_gasket
 import numpy as np
 import pytest
-import split
+import split_interface
 from mpi4py import MPI
 from my_contact_law import Wear
 from my_gasket import Gasket, Gaskets
 from needs import needs
+from readers_of_plugins import OF_PLUGINS, deck
 from scenes import block_scene, slope
-from stacked import PATH, stacked, with_plugins
-from test_systems import OF_PLUGINS, deck
+from stacked_pairs import PATH, stacked, with_plugins
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
@@ -217,18 +217,18 @@ def test_contacts_that_share_a_node_share_its_gasket():
     """
     pairs = [
         hhr.NodeToNode(upper, lower, (0, -1), law=Gasket(500.0))
-        for upper, lower in zip(split.UPPER, split.LOWER, strict=True)
+        for upper, lower in zip(split_interface.UPPER, split_interface.LOWER, strict=True)
     ]
-    full = hhr.FullOrderModel(split.scene(pairs))
+    full = hhr.FullOrderModel(split_interface.scene(pairs))
     assert full.conditions == 9 and full.problem.shares is not None
     for answer in (full.solve({"press": 10.0}), hhr.condense(full).solve({"press": 10.0})):
         assert answer.pressure() == pytest.approx(np.full(9, 5.0), rel=1e-9)
         assert dict(answer.outputs().items())["force 1"] == pytest.approx(
-            0.5 * split.HALVES["force 1"], rel=1e-9
+            0.5 * split_interface.HALVES["force 1"], rel=1e-9
         )
     with pytest.raises(SceneError, match="their laws differ"):
         hhr.FullOrderModel(
-            split.scene((pairs[0], dataclasses.replace(pairs[1], law=Gasket(600.0))))
+            split_interface.scene((pairs[0], dataclasses.replace(pairs[1], law=Gasket(600.0))))
         )
 
 

@@ -10,8 +10,7 @@ import pytest
 from dolfinx import mesh
 from needs import needs, present
 from scenes import block_scene, pressed_block, slope, with_bodies
-from test_full_order import lame, lame_displacement, lame_tube
-from tubes import YOUNG, in_time, tube
+from tubes import YOUNG, in_time, lame, lame_displacement, lame_tube, tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import compat

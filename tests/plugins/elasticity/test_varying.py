@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import scenes
 import ufl
-from bare import SCENE_FOLDERS
-from launched import launch
+from mpirun import launch
 from needs import cases_of, needs
+from processes import folders_of
 from scenes import (
     check_contact_conditions,
     largest_difference,
@@ -21,6 +21,7 @@ from scenes import (
     slope_errors,
     space,
 )
+from varying_moduli import BODIES, MATERIALS, MESHES, check_same
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import ScaledBodies
@@ -30,8 +31,6 @@ from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.warn import ignored
 
-BODIES = ("E1", "nu1"), ("E2 * (1 + 0.2 * c**2)", "0.3 + 0.1 * sin(c)")
-MATERIALS = {"E1": (1.0, 6.0), "nu1": (0.1, 0.42), "E2": (2.0, 9.0), "c": (0.0, 1.0)}
 POINT = {
     "push": 0.03,
     "slide": -0.012,
@@ -45,23 +44,11 @@ POINT = {
 NUMBERS = (2.3, 0.35), (3.0 * 1.05, 0.3 + 0.1 * np.sin(0.5))
 """The bodies at this point."""
 DRIVEN = ("push", "slide", "load", "gap")
-MESHES = {
-    "plane_strain": {"cells": 3},
-    "plane_stress": {"cells": 3, "simplices": True},
-    "axisymmetric": {"cells": 3, "matching": False},
-    "solid": {"cells": 2},
-}
 
 
 def vector(model, point=POINT):
     """A point as the model orders its parameters."""
     return np.array([point[name] for name in model.parameters.names])
-
-
-def check_same(answer, other, tolerance=1e-12):
-    """Round-off, about 1e-15 times the condition number of K."""
-    scenes.check_like(answer, other, displacement=tolerance, forces=tolerance, stress=tolerance)
-    assert np.array_equal(answer.active, other.active)
 
 
 @pytest.fixture(scope="module", params=cases_of(MESHES))
@@ -379,4 +366,4 @@ print("all is well")
 @needs("ranks")
 def test_on_two_ranks():
     """Beside plain scenes and differences, which test_mpi holds to those of one rank."""
-    assert launch(2, ["-c", PROGRAM.format(folders=SCENE_FOLDERS)]).count("all is well") == 2
+    assert launch(2, ["-c", PROGRAM.format(folders=folders_of(__file__))]).count("all is well") == 2

@@ -9,9 +9,10 @@ import dolfinx
 import hertz_half_discs as demo
 import numpy as np
 import pytest
+from bound_checks import ERRORS, NEAR, check, sizes_of
 from needs import needs, present
+from pellet_outputs import small_pellet
 from scenes import THESIS, block_scene, pressed_pair, slope, space
-from test_outputs import small_pellet
 from tubes import tube
 
 import hhr_dolfinx as hhr
@@ -23,45 +24,7 @@ from hhr_dolfinx.plugins.exact_errors import contact_response
 from hhr_dolfinx.plugins.exact_errors.offline import energy_coordinates, exact_difference, leading
 
 AS_IT_IS = hhr.Recipe().as_it_is()
-ERRORS = ("primal", "dual", "forces_euclid", "pressure")
 FLANK = two_blocks.side(two_blocks.SECOND, 0, True)
-NEAR = 1e-9
-"""Part of the exact answer by which an estimate may be off the error: its round-off is 2e-10."""
-
-
-def sizes_of(full, moved, forces):
-    """Energy of a displacement; S norm, Euclidean norm and largest pressure of forces."""
-    energy = np.sqrt(max(moved @ (full.problem.stiffness @ moved), 0.0))
-    own = np.sqrt(max(forces @ full.schur @ forces, 0.0))
-    return np.array(
-        [energy, own, np.linalg.norm(forces), np.abs(forces / full.problem.contact_areas).max()]
-    )
-
-
-def check(full, model, points, over=None):
-    """Estimates are differences to the full model, absolute and over sizes, or ``over``.
-
-    These, (n, 4), as parts.
-    """
-    parts = []
-    for point in points:
-        exact, answer = full.solve(point), model.solve(point, outside="ignore")
-        field, forces = exact.displacement(), exact.forces()
-        true = sizes_of(full, answer.displacement() - field, answer.forces() - forces)
-        sizes = sizes_of(full, field, forces)
-        said = answer.estimate()
-        found = np.array([getattr(said, name) for name in ERRORS])
-        assert (
-            said.kind == "bound"
-            and (true <= found).all()
-            and (np.abs(found - true) <= NEAR * sizes).all()
-        )
-        relative = np.array([getattr(said, f"{name}_relative") for name in ERRORS])
-        least = np.append(0.0, model.fields.bound.least)
-        least = np.maximum(sizes if over is None else over(field, forces), least)
-        assert (np.abs(relative - true / least) <= NEAR * (true + sizes) / least).all()
-        parts.append(true / sizes)
-    return np.array(parts)
 
 
 def check_norms(parts, columns=(0, 1, 2, 3)):

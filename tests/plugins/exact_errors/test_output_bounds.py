@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from needs import needs
+from pellet_outputs import small_pellet
 from scenes import pressed_pair
-from test_outputs import small_pellet
 from toy_functional import SmoothPeak
 
 import hhr_dolfinx as hhr

@@ -6,9 +6,9 @@ import subprocess
 
 import numpy as np
 import pytest
-from bare import WAIT
 from mpi4py import MPI
 from needs import needs
+from processes import WAIT
 from scenes import pair_scene, slope
 from shell import AT, DEMO, invoke
 

@@ -5,31 +5,31 @@ What is refused.
 
 import ctypes
 import dataclasses
-import platform
-import shutil
 import subprocess
-import zipfile
 from functools import cache
 from xml.etree import ElementTree
 
 import contract
+import impossible_moduli
 import numpy as np
+import page_scenes
 import pytest
-import test_moduli
-import test_pages
-from needs import needs
-from shell import invoke
-from test_pages import (
-    MORE,
-    OF_FRICTION,
-    OF_PELLET,
-    RUBBING,
-    SCENES,
-    check_increment,
-    marked,
-    rubbed,
-    tour_of,
+from compiled_models import (
+    CC,
+    CHANGED,
+    DONE,
+    NO_ANSWER,
+    OUTSIDE,
+    STEPPED,
+    Instance,
+    at,
+    built,
+    compiled,
 )
+from needs import needs
+from page_scenes import MORE, OF_FRICTION, OF_PELLET, RUBBING, SCENES, marked, rubbed, tour_of
+from pages_in_node import check_increment
+from shell import invoke
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import MissingPackageError, ModelFileWarning, NotOfferedError
@@ -39,9 +39,6 @@ from hhr_dolfinx.plugins.pages.kernel import kernel_file
 from hhr_dolfinx.plugins.pages.packing import Packed, steps_of
 from hhr_dolfinx.trained import TrainedRange
 
-CC = shutil.which("cc")
-compiled = pytest.mark.skipif(CC is None, reason="there is no C compiler")
-WORDS = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-O2", "-shared", "-fPIC"]
 CALLED = """
 #include "press.h"
 int ask(int count, int opened, const double *points, double *forces, double *outputs,
@@ -60,22 +57,6 @@ int ask(int count, int opened, const double *points, double *forces, double *out
     return status;
 }
 """
-DONE, OUTSIDE, NO_ANSWER, CHANGED = 0, 1, 2, 3
-
-
-def built(folder, model, program):
-    """The library of a program that includes the header of a model, compiled without a warning."""
-    c_header.write_c_header(folder / "press.h", model)
-    (folder / "press.c").write_text(program)
-    done = subprocess.run(
-        [CC, *WORDS, "-o", "press.so", "press.c", "-lm"], cwd=folder, capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    return ctypes.CDLL(str(folder / "press.so"))
-
-
-def at(*arrays):
-    return [ctypes.c_void_p(array.ctypes.data) for array in arrays]
 
 
 def outputs_of(model):
@@ -98,63 +79,6 @@ def library(folder, model):
         return ask(n, opened, *at(points, *found)), *found
 
     return asked
-
-
-class Instance:
-    """An instance of a unit, called by its functions as an importer does."""
-
-    def __init__(self, folder, unit, log=None):
-        with zipfile.ZipFile(unit) as archive:
-            archive.extractall(folder)
-        (binary,) = (folder / "binaries").glob("*/model.*")
-        assert binary.parent.name == f"{platform.machine()}-{platform.system().lower()}"
-        described = ElementTree.parse(folder / "modelDescription.xml").getroot()
-        self.variables = list(described.find("ModelVariables"))
-        self.made, pointer = ctypes.CDLL(str(binary)), ctypes.c_void_p
-        self.made.fmi3InstantiateCoSimulation.restype = pointer
-        self.made.fmi3DoStep.argtypes = [
-            pointer,
-            ctypes.c_double,
-            ctypes.c_double,
-            ctypes.c_bool,
-            *[pointer] * 4,
-        ]
-        rest = [None, False, False, False, False, None, ctypes.c_size_t(0), None, log, None]
-        assert not self.made.fmi3InstantiateCoSimulation(b"one", b"another token", *rest)
-        token = described.get("instantiationToken").encode()
-        self.at = pointer(self.made.fmi3InstantiateCoSimulation(b"one", token, *rest))
-        kinds = [item.get("causality") for item in self.variables]
-        self.outputs = kinds.count("output")
-        self.inputs = len(kinds) - 1 - self.outputs
-
-    def put(self, point):
-        places, count = (
-            (ctypes.c_uint32 * self.inputs)(*range(1, self.inputs + 1)),
-            ctypes.c_size_t(self.inputs),
-        )
-        return self.made.fmi3SetFloat64(
-            self.at, places, count, (ctypes.c_double * self.inputs)(*point), count
-        )
-
-    def read(self, status=0):
-        first, count, found = (
-            self.inputs + 1,
-            ctypes.c_size_t(self.outputs),
-            (ctypes.c_double * self.outputs)(),
-        )
-        places = (ctypes.c_uint32 * self.outputs)(*range(first, first + self.outputs))
-        assert self.made.fmi3GetFloat64(self.at, places, count, found, count) == status
-        return np.array(found)
-
-    def begin(self):
-        return self.made.fmi3ExitInitializationMode(self.at)
-
-    def step(self, number):
-        flags, last = (ctypes.c_bool * 3)(), ctypes.c_double()
-        ends = [ctypes.byref(flags, k) for k in range(3)]
-        status = self.made.fmi3DoStep(self.at, float(number), 1.0, False, *ends, ctypes.byref(last))
-        assert status or last.value == number + 1
-        return status
 
 
 DISCARD = 2
@@ -226,7 +150,7 @@ def test_a_unit_says_which_input_it_refuses(tmp_path):
 
 @compiled
 def test_formulas_of_all_kinds_mean_the_same_in_c(tmp_path):
-    formulas = [c_header.formula(steps_of(scalar)) for scalar in test_pages.FORMULAS]
+    formulas = [c_header.formula(steps_of(scalar)) for scalar in page_scenes.FORMULAS]
     own = "\n".join(
         f"double f{k}(const double *p) {{ return {text}; }}" for k, text in enumerate(formulas)
     )
@@ -236,7 +160,7 @@ def test_formulas_of_all_kinds_mean_the_same_in_c(tmp_path):
         [CC, "-std=c99", "-shared", "-fPIC", "-o", "f.so", "f.c", "-lm"], cwd=tmp_path, check=True
     )
     made = ctypes.CDLL(str(tmp_path / "f.so"))
-    points, exact = test_pages.values_of_formulas()
+    points, exact = page_scenes.values_of_formulas()
     for k, known in enumerate(exact.T):
         call = getattr(made, f"f{k}")
         call.restype = ctypes.c_double
@@ -446,41 +370,6 @@ def test_a_unit_keeps_to_what_was_trained_within_the_box():
     assert ends == {"push": [0.25, 1.0, 0.625], "load": [0.0, 0.5, 0.25]}
 
 
-STEPPED = """
-#include "press.h"
-int ask(int count, const double *points, double *forces, double *outputs, double *reached,
-        int *statuses) {
-    press_path *path = press_path_new();
-    int status = press_rest(path, points);
-    for (int k = 1; k < count && !status; k++) {
-        double *own = forces + (k - 1) * PRESS_CONDITIONS;
-        double *told = outputs + (k - 1) * PRESS_OUTPUTS;
-        status = press_go(path, points + k * PRESS_PARAMETERS, own, told);
-#ifdef PRESS_POINTS
-        (void)statuses;
-        memcpy(reached + (k - 1) * PRESS_POINTS, path->state->memory + PRESS_SIZE,
-               PRESS_POINTS * sizeof(double));
-#else
-        for (int i = 0, c = PRESS_CONTACTS; i < c && !status; i++) {
-            double *slip = reached + ((k - 1) * c + i) * 3;
-            const press_slip *known = &path->state->slip;
-            slip[0] = known->slipped[i], slip[1] = known->work[i], slip[2] = known->wear[i];
-            statuses[(k - 1) * c + i] = known->statuses[i];
-        }
-#endif
-    }
-    press_path_free(path);
-    return status;
-}
-int begin(const double *point, double *forces, double *outputs) {
-    press_path *path = press_path_new();
-    const int status = press_begin(path, point, forces, outputs);
-    press_path_free(path);
-    return status;
-}
-"""
-
-
 def rubbing_model(name):
     """Condensed, with outputs of forces, and a tour whose first point is at rest."""
     model = hhr.condense(rubbed(name), fields=True)
@@ -489,7 +378,7 @@ def rubbing_model(name):
 
 def flowing(name):
     """Condensed flow, and a path that pushes and lets go."""
-    from test_flow_pages import cycle, pair, yielding
+    from flowing_pages import cycle, pair, yielding
 
     if name != "outputs":
         return pair(name)[1], [point for _, point in cycle(2.9)]
@@ -547,7 +436,7 @@ def test_increments_in_c_are_those_of_python(name, tmp_path):
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_bodies_that_friction_holds_are_in_c_those_of_python(dimension, tmp_path):
     """On springs at the first load, and with motions as unknowns; an output reads the motions."""
-    from test_rubbing_pages import held, loads_of
+    from rubbing_pages import held, loads_of
 
     model = held(dimension)[0]
     path = loads_of(model)
@@ -580,7 +469,7 @@ def test_bodies_that_flow_and_rub_are_in_c_those_of_python(name, tmp_path):
 
     A law changes with no increment.
     """
-    from test_rubbing_pages import EXACT, rubbing_flow, tour
+    from rubbing_pages import EXACT, rubbing_flow, tour
 
     model = rubbing_flow(name)[0]
     path = tour(model, 0.9)
@@ -612,7 +501,7 @@ def test_bodies_that_flow_and_rub_are_in_c_those_of_python(name, tmp_path):
 @pytest.mark.filterwarnings("ignore:body 2 .* moves along axis 0")
 def test_loose_bodies_that_flow_are_in_c_those_of_python(rubs, tmp_path):
     """Motions are unknowns beside corrections and forces; outputs read them."""
-    from test_flow_pages import FAR, loose, pressing
+    from flowing_pages import FAR, loose, pressing
 
     model = loose(rubs=rubs)[1]
     path = pressing(6.7)
@@ -812,11 +701,11 @@ def test_outputs_that_are_read_before_a_path_begins_do_not_begin_it(name, unit_o
 
 @needs("moduli")
 @compiled
-@test_pages.IMPOSSIBLE
+@impossible_moduli.BODIES
 def test_a_header_has_no_answer_where_an_elastic_constant_is_impossible(bodies, tmp_path):
     """As every model in Python; beside the point both answer."""
-    model = hhr.condense(test_moduli.scene(*bodies), fields=True)
-    point = np.array([list(test_moduli.POINT.values())])
+    model = hhr.condense(impossible_moduli.scene(*bodies), fields=True)
+    point = np.array([list(impossible_moduli.POINT.values())])
     beside = np.add(point, [0.0, 0.0, 1e-3])
     asked = library(tmp_path, model)
     status, forces, *_ = asked(beside)

@@ -6,27 +6,29 @@ import dataclasses
 
 import numpy as np
 import pytest
+from compiled_models import DONE, Instance, at, built, compiled
+from libraries import ZIG
 from mpi4py import MPI
 from my_contact_law import KERNEL, Wear
 from my_gasket import Gasket
 from needs import needs
-from sheared import SECOND
-from stacked import PATH, stacked, with_plugins
-from test_embedded import DONE, Instance, at, built, compiled
-from test_kernel import ZIG
-from test_page_shown import THERE, rows_of, said, shown
-from test_pages import (
+from page_scenes import TOUR, in_space
+from pages_in_node import (
     CHROMIUM,
     ENDED,
     LOADED,
     MODEL,
-    TOUR,
+    THERE,
     data_of,
     dumped,
     in_node,
-    in_space,
     node,
+    rows_of,
+    said,
+    shown,
 )
+from sheared_blocks import SECOND
+from stacked_pairs import PATH, stacked, with_plugins
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError

@@ -6,11 +6,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from compiled_models import DONE, STEPPED, at, built, compiled
 from mpi4py import MPI
 from needs import needs
-from sheared import rubbing
-from test_embedded import DONE, STEPPED, at, built, compiled
-from test_pages import along, in_node
+from pages_in_node import along, in_node
+from sheared_blocks import rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings

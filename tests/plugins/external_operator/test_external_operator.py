@@ -8,7 +8,7 @@ import pytest
 from condensing import FINE, QUIET, TIGHT, apart, condensed, cycle, up, walled_tube
 from mpi4py import MPI
 from needs import needs
-from sheared import FIRST, PATH, SECOND, rubbing
+from sheared_blocks import FIRST, PATH, SECOND, rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, SceneError

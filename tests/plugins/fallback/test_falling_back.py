@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from bare import read_csv
+from bare_problem import read_csv
+from local_models_by_hand import pellet_training
 from needs import needs
-from parted import pellet_training
 from scenes import check_alike
 
 import hhr_dolfinx as hhr

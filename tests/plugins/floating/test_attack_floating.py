@@ -9,11 +9,10 @@ import warnings
 
 import numpy as np
 import pytest
+from bound_checks import check, sizes_of
 from mpi4py import MPI
 from needs import needs, present
-from scenes import block_scene, check_alike, lying, output_slopes, pair_scene, slope, space
-from test_bounds import check, sizes_of
-from test_floating import kkt
+from scenes import block_scene, check_alike, kkt, lying, output_slopes, pair_scene, slope, space
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status

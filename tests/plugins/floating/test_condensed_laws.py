@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from marched import flat, marched_elsewhere
+from history_bits import flat, marched_elsewhere
+from loose_blocks import BOTH, HELD, LAWS, LOOSE, PATH, TIGHT, block_on_a_floor, flowing
 from mpi4py import MPI
 from needs import needs
 from scenes import lying, slope, space
-from test_beside_laws import BOTH, HELD, LAWS, LOOSE, PATH, TIGHT, block_on_a_floor, flowing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import UndeterminedWarning

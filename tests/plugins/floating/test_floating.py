@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
 from needs import MORTAR, NODE_TO_SURFACE, mortar, needs
-from scenes import block_scene, check_alike, lying, slope, slope_errors, space
+from scenes import block_scene, check_alike, kkt, lying, slope, slope_errors, space
 from scipy.optimize import minimize
 
 import hhr_dolfinx as hhr
@@ -25,26 +25,6 @@ from hhr_dolfinx.reduction.exact import exact_condensation
 
 # all of them may slide along the interface
 pytestmark = pytest.mark.filterwarnings("ignore:body 2 .* moves along axis 0")
-
-
-def kkt(full, mu, rounding=1e-10):
-    """The conditions of the quadratic program, which is convex: whoever satisfies them has solved
-    it.
-    """
-    problem, answer = full.problem.at(mu), full.solve(mu)
-    theta, forces, moved = (
-        problem.amplitudes(answer.parameter),
-        answer.forces(),
-        answer.displacement(),
-    )
-    acting, given = problem.contact.T @ forces, problem.external @ theta
-    left = (problem.stiffness @ moved + acting - given)[problem.free]
-    size = max(np.abs(acting).max(), np.abs(given).max())
-    slack = problem.gaps @ theta - problem.contact @ (moved - problem.lifts @ theta)
-    assert np.abs(left).max() < rounding * size
-    assert forces.min() > -1e-12 * size and slack.min() > -1e-6 * np.abs(moved).max()
-    assert np.abs(forces * slack).max() < 1e-6 * size * np.abs(moved).max()
-    return answer
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.3, -0.3])

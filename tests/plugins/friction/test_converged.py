@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from sheared import lifted, rubbing
+from sheared_blocks import lifted, rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, TimeStepWarning

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs
-from sheared import FIRST, SECOND, round_block, rubbing
-from test_friction import resultants
-from test_reduced_friction import BOX, OUTPUTS, paths
+from sheared_blocks import FIRST, SECOND, round_block, rubbing
+from sheared_paths import BOX, OUTPUTS, paths, resultants
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FarSlidingWarning, NotOfferedError

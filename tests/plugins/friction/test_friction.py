@@ -21,7 +21,8 @@ from mpi4py import MPI
 from needs import needs, present
 from parts import fretting_study
 from scenes import pressed_block, slope, slope_errors
-from sheared import PATH, driven, round_block, rubbing
+from sheared_blocks import PATH, driven, round_block, rubbing
+from sheared_paths import resultants
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.command.main import hhr as hhr_command
@@ -136,13 +137,6 @@ def test_friction_in_space_knows_no_directions():
 
 
 PULLED = [(0.0, (0.0, 0.0)), (1.0, (0.02, 0.0)), (2.0, (0.02, 0.1))]
-
-
-def resultants(full, answer):
-    """Sum of pressures, and of tangential forces on the slave along x."""
-    friction = full.problem.law
-    tangential = -answer.multipliers[friction.tangential] @ friction.tangents[:, 0]
-    return answer.multipliers[friction.normal].sum(), tangential
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs, present
-from sheared import FIRST, SECOND, round_block, rubbing
+from sheared_blocks import FIRST, SECOND, round_block, rubbing
+from sheared_paths import BOX, OUTPUTS, paths
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import (
@@ -28,39 +29,6 @@ from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import StageLog
 
 pytestmark = needs("exact_errors")
-OUTPUTS = (
-    hhr.ContactForce("normal", 0, (0.0, 1.0)),
-    hhr.ContactForce("shear", 0, (1.0, 0.0)),
-    hhr.LargestSlip("slip", 0),
-    hhr.DissipatedWork("work", 0),
-    hhr.StickArea("sticks", 0),
-    hhr.SlipArea("slips", 0),
-)
-
-BOX = {"f": (0.1, 0.6)}
-
-
-def paths(count: int, seed: int, space: hhr.ParameterSpace) -> list:
-    """Through random points of the box of loads, with what else varies the same along each.
-
-    Pushed first.
-    """
-    rng = np.random.default_rng(seed)
-    low, high = np.array(space.lower), np.array(space.upper)
-    found = []
-    for _ in range(count):
-        points = low + rng.random((7, low.size)) * (high - low)
-        points[:, 2:] = points[0, 2:]
-        points[0, :2] = 0.0
-        corners = np.arange(len(points))
-        fine = np.linspace(0, len(points) - 1, 25)
-        found.append(
-            [
-                (float(t), np.array([np.interp(t, corners, column) for column in points.T]))
-                for t in fine
-            ]
-        )
-    return found
 
 
 @pytest.fixture(scope="module")

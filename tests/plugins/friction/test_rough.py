@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-import split
+import split_interface
 from needs import needs
 
 import hhr_dolfinx as hhr
@@ -14,8 +14,10 @@ pytestmark = needs("friction")
 
 
 def scene(friction):
-    pair = hhr.NodeToNode(split.UPPER[0], split.LOWER[0], (0, -1), friction=friction)
-    return split.scene((pair,), split=False, outputs=())
+    pair = hhr.NodeToNode(
+        split_interface.UPPER[0], split_interface.LOWER[0], (0, -1), friction=friction
+    )
+    return split_interface.scene((pair,), split=False, outputs=())
 
 
 @pytest.mark.parametrize("endless", [float("inf"), np.float64("inf"), "inf", "Infinity", "rough"])
@@ -31,7 +33,7 @@ def test_an_infinite_coefficient_names_the_large_one(endless):
 def test_a_parameter_may_have_the_name():
     box = hhr.ParameterSpace(("press", "rough"), (0.0, 0.0), (20.0, 1.0))
     pair = dataclasses.replace(scene(0.3).contacts[0], friction="rough")
-    made = split.scene((pair,), split=False, outputs=(), parameters=box)
+    made = split_interface.scene((pair,), split=False, outputs=(), parameters=box)
     assert made.laws[0].coefficient == "rough"
 
 
@@ -40,7 +42,9 @@ def test_large_coefficients_stick_with_the_same_digits():
     answers.
     """
     pull = hhr.Displacement(
-        split.side(split.SECOND, 1, upper=True), 0, hhr.Amplitude(slopes={"press": 1e-3})
+        split_interface.side(split_interface.SECOND, 1, upper=True),
+        0,
+        hhr.Amplitude(slopes={"press": 1e-3}),
     )
     found = []
     for friction in (1e3, 1e9):

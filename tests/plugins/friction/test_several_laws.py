@@ -12,8 +12,8 @@ from mpi4py import MPI
 from my_contact_law import Wear
 from my_gasket import Gasket, Gaskets, GasketStep
 from needs import needs
-from projected import Reference, cubic, projected
-from stacked import PATH, stacked, with_plugins
+from projected_forces import Reference, cubic, projected
+from stacked_pairs import PATH, stacked, with_plugins
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.law import UNILATERAL

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 from needs import needs
-from sheared import lifted, rubbing
+from sheared_blocks import lifted, rubbing
 
 import hhr_dolfinx as hhr
 

@@ -9,11 +9,11 @@ import indentation
 import numpy as np
 import pytest
 from condensing import FINE, QUIET, TIGHT, WHOLE, apart, condensed, cycle, loaded, up, walled_tube
+from flow_histories import slopes_between
 from needs import needs
 from scenes import pressed_pair, slope, space
-from test_flow_moduli import blocks, glued, pressed, push
-from test_varied import slopes_between
 from tubes import tube
+from yielding_scenes import blocks, glued, pressed, push
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import (

@@ -7,8 +7,8 @@ import pytest
 from condensing import QUIET, TIGHT, apart, condensed, pressures, up
 from needs import needs
 from scenes import pressed_pair
-from test_flow_moduli import MATERIALS, push
 from tubes import tube
+from yielding_scenes import MATERIALS, push
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set

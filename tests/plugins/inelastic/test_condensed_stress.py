@@ -4,7 +4,7 @@ import condensing
 import numpy as np
 import pytest
 from condensing import QUIET
-from test_door import legs
+from flow_histories import legs
 
 from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.certify.compare import Comparison

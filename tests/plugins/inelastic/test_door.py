@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
+from flow_histories import legs
 from flowing import DEMO_MESH as MESH
 from scenes import block_scene, slope
 
@@ -312,15 +313,6 @@ def test_an_interrupt_keeps_the_steps_before(demo_pellet, monkeypatch):
         full.march(demo.path(10.0, 20))
     kept = caught.value.history
     assert isinstance(kept, History) and len(kept.answers) == 3
-
-
-def legs(*corners, steps=10):
-    """Piecewise linear through corners (A, B), a second for each leg."""
-    times = np.linspace(0, len(corners) - 1, (len(corners) - 1) * steps + 1)
-    values = [
-        np.interp(times, np.arange(len(corners)), [corner[k] for corner in corners]) for k in (0, 1)
-    ]
-    return list(zip(times, np.stack(values, axis=1), strict=True))
 
 
 def test_contact_that_training_never_saw_is_said_and_found(cantilever):

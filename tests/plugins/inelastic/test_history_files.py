@@ -5,14 +5,14 @@ And only what is the same.
 
 from collections import Counter
 from dataclasses import dataclass, replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import flowing
 import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
-from bare import SCENE_FOLDERS, BareFull, bare_problem, on_disk, python
+from bare_problem import BareFull, bare_problem, on_disk
+from processes import folders_of, python
 from scenes import pressed_block
 from scipy.sparse import csc_matrix
 from toy_law import Bingham
@@ -160,7 +160,7 @@ def test_kept_tangents_stay_behind_and_answers_agree(full, tmp_path, monkeypatch
 
 KILLED = f"""
 import os, signal, sys
-sys.path[:0] = {[str(Path(__file__).parent), *SCENE_FOLDERS]!r}
+sys.path[:0] = {folders_of(__file__)!r}
 import numpy as np
 import test_history_files as tests
 whole, written = np.savez, []

@@ -11,8 +11,8 @@ from condensing import FINE, QUIET, condensed
 from mpi4py import MPI
 from points import WOOD
 from scenes import block_scene
-from test_plastic import bar
 from tubes import YOUNG, tube
+from yielding_scenes import bar
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneError

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 import ufl
 import varied
-from bare import python
-from marched import flat
+from flow_histories import whole_history
+from history_bits import flat
 from needs import needs
-from test_plastic import axial, bar, whole_history
+from processes import python
 from toy_law import Bingham
 from tubes import YOUNG
 from varied import path
+from yielding_scenes import axial, bar
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, SceneError, SceneWarning

@@ -9,12 +9,14 @@ import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
 from condensing import FINE, QUIET, TIGHT, condensed, up
+from flow_histories import whole_history
 from needs import needs
 from points import WOOD
-from scenes import block_scene, node_dofs, pair_scene, pressed_block, slope, whole_domain
+from scenes import node_dofs, pair_scene, pressed_block, slope
 from scipy.optimize import brentq
 from toy_law import Bingham, Ludwik
 from tubes import POISSON, YOUNG, in_time, tube
+from yielding_scenes import axial, bar
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import (
@@ -23,13 +25,9 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.models.histories.equilibrium import SEARCHES
-from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.inelastic.law import InternalVariables, program_of
-from hhr_dolfinx.plugins.inelastic.project import project_flow, tangent_margin
-from hhr_dolfinx.plugins.inelastic.reduction import FittedFlow
+from hhr_dolfinx.plugins.inelastic.project import tangent_margin
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
-from hhr_dolfinx.reduction.completion import ReconstructionData
-from hhr_dolfinx.reduction.projection import project
 
 LAWS = {
     "plasticity": hhr.Plasticity(1.0, 5.0),
@@ -85,30 +83,6 @@ def flow_of(law, trial, cumulated, stiff, dt):
         )
     over = max(trial - law.yield_stress - getattr(law, "hardening", 0.0) * cumulated, 0.0)
     return over / (stiff + (law.viscosity / dt if isinstance(law, Bingham) else law.hardening))
-
-
-def bar(law, reach=0.1, young=YOUNG, loads=(), **space):
-    """A cylinder pulled and pushed along its axis, free at its side: uniaxial stress."""
-    up, box = block.side(1, upper=True), {"pull": (-reach, reach)} | space
-    held = (hhr.Displacement(block.side(axis, upper=False), axis) for axis in (0, 1))
-    return block_scene(
-        "bar",
-        box,
-        upper=(1, 2),
-        cells=(2, 2),
-        hypothesis="axisymmetric",
-        bodies=(hhr.Body(block.SOLID, young, POISSON, law),),
-        contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), 2.0),),  # far away
-        displacements=(*held, hhr.Displacement(up, 1, slope("pull", 2.0))),
-        loads=loads,
-    )
-
-
-def axial(history):
-    """The stress along the bar, the same everywhere."""
-    stresses = np.array([answer.stress()[:, 1] for answer in history.answers])
-    assert np.ptp(stresses, axis=1).max() < 1e-6
-    return stresses[:, 0]
 
 
 def uniaxial(law, strains):
@@ -239,39 +213,6 @@ def test_newton_converges_quadratically():
     assert small.size >= 2 and norms.min() < 1e-12
     for k in small[:-1]:
         assert norms[k + 1] < 100 * norms[k] ** 2 + 1e-13
-
-
-def whole_history(full, path, settings, field=1e-8, force=1e-6):
-    """The full history beside that of the model that leaves nothing out, to the tolerance of the
-    solver.
-
-    It has a function for each free dof, on the whole domain.
-    """
-    exact, free, problem = (
-        full.march(path, settings),
-        np.flatnonzero(full.problem.free),
-        full.problem,
-    )
-    basis = np.zeros((problem.free.size, free.size))
-    basis[free, np.arange(free.size)] = 1.0
-    sets = whole_domain(problem)
-    flow = project_flow(full.equilibrium, basis, sets)
-    snapshots = hhr.SnapshotSet.of_histories([exact])
-    fields = ReconstructionData.of(problem, snapshots).reconstruction(problem, basis, sets)
-    fields = dataclasses.replace(fields, flow=FittedFlow.of(snapshots).completion(flow))
-    reduced = ReducedModel(project(problem, basis, sets), full.parameters, fields, flow=flow)
-    for there, here in zip(exact.answers, reduced.march(path, settings).answers, strict=True):
-        size = np.abs(there.unknown).max()
-        assert reduced.fields.basis @ here.unknown == pytest.approx(there.unknown, abs=field * size)
-        assert here.displacement() == pytest.approx(there.displacement(), abs=field * size)
-        for forces in (here.multipliers, here.forces()):
-            assert forces == pytest.approx(
-                there.forces(), abs=force * max(there.forces().max(), 1.0)
-            )
-        for strain in (here.gauss.state.cumulated, here.plastic_strain()):
-            assert strain == pytest.approx(there.plastic_strain(), abs=1e-9)
-        assert np.array_equal(here.stress(), here.gauss.stress)
-    return exact, reduced
 
 
 @needs("nonmatching")

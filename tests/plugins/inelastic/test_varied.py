@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 import varied
 from condensing import EVERY, FINE, QUIET, apart
+from flow_histories import slopes_between
+from history_bits import flat, marched_elsewhere
 from kept_values import both, put, rewrite_model
-from marched import flat, marched_elsewhere
 from needs import present
 
 import hhr_dolfinx as hhr
@@ -75,12 +76,6 @@ def test_a_small_model_answers_between_what_was_trained(name):
     trained = varied.corners()[0]
     with warnings.catch_warnings(action="error", category=OutsideTrainingWarning):
         assert max(apart(model.march(trained.path), trained)) < 2e-3
-
-
-def slopes_between(ends, step, values):
-    """Central differences of values of histories, (steps, ...)."""
-    ahead, behind = (np.array([values(answer) for answer in history.answers]) for history in ends)
-    return (ahead - behind) / (2 * step)
 
 
 def near(found, expected):

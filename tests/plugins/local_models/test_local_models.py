@@ -10,12 +10,10 @@ from unittest.mock import Mock
 import numpy as np
 import pellet_cladding as pellet
 import pytest
-from bare import read_csv
+from bare_problem import read_csv
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from launched import launch
-from needs import needs
-from parted import (
+from local_models_by_hand import (
     AS_IT_IS,
     CUT,
     OUTPUTS,
@@ -30,6 +28,8 @@ from parted import (
     three_models,
     varying_set,
 )
+from mpirun import launch
+from needs import needs
 from scenes import largest_difference, output_slopes, pressed_block, slope, slope_errors
 
 import hhr_dolfinx as hhr

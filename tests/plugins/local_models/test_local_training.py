@@ -6,10 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from local_models_by_hand import AS_IT_IS, pellet_training
 from local_report import local_part, near_borders, stripe
 from mpi4py import MPI
 from needs import needs
-from parted import AS_IT_IS, pellet_training
 from scenes import pressed_pair, references_at
 
 import hhr_dolfinx as hhr

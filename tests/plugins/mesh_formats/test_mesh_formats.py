@@ -9,10 +9,9 @@ import gmsh
 import meshio
 import numpy as np
 import pytest
+from cubes_in_files import CUBES, FACES, NAMES, POINTS, SECOND, pressure, reasons, size_of, written
 from mpi4py import MPI
 from needs import needs
-from test_deck_parts import SECOND
-from test_file_contents import CUBES, FACES, NAMES, POINTS, pressure, reasons, size_of, written
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.compat import degree_of, netcdf4

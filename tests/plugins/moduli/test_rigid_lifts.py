@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from bound_checks import compared
 from needs import needs
 from scenes import pressed_pair, slope, space
-from test_varying_bounds import compared
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import two_blocks

@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from bound_checks import compared, schur_at
 from mpi4py import MPI
 from needs import needs
 from scenes import block_scene, check_alike, output_slopes, pair_scene, pressed_pair, slope
@@ -94,29 +95,6 @@ def shaped():
     )
     training = hhr.train(scene, hhr.Sobol(8))
     return training, training.condense()
-
-
-def schur_at(full, point):
-    """S of the full model at a point, by dense algebra, and the problem there."""
-    problem = full.problem.at(point)
-    free = problem.free
-    rows = problem.contact[:, free].toarray()
-    return rows @ np.linalg.solve(problem.stiffness[free][:, free].toarray(), rows.T), problem
-
-
-def compared(full, model, points):
-    """Bounds and errors, absolute and relative, of displacement and forces."""
-    rows, kinds = [], set()
-    for point in points:
-        schur, problem = schur_at(full, point)
-        exact, answer = full.solve(point), model.solve(point, outside="ignore")
-        estimate, field, forces = answer.estimate(), exact.displacement(), exact.forces()
-        kinds.add(estimate.kind)
-        moved, pushed = answer.displacement() - field, answer.forces() - forces
-        norms = [moved @ (problem.stiffness @ moved), pushed @ schur @ pushed,
-                 field @ (problem.stiffness @ field), forces @ schur @ forces]  # fmt: skip
-        rows.append([*estimate[1:5], *np.sqrt(np.maximum(norms, 0.0))])
-    return kinds, np.array(rows).T
 
 
 def test_no_error_exceeds_its_bound(varying):

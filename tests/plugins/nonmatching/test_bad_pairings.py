@@ -1,16 +1,14 @@
 """Bad non-matching contact pairs get a clear error or warning with the place."""
 
 import dataclasses
-import warnings
 from contextlib import nullcontext
 
 import contact_patch_test as patch
 import numpy as np
 import pytest
 from needs import MORTAR, needs
+from nonmatching_blocks import outsides, shrink_fit
 from scenes import check_contact_conditions, pair_scene, slope
-from surfaces import chain, make
-from test_pairings import outsides, shrink_fit
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import PairingWarning, SceneError
@@ -144,23 +142,6 @@ def test_back_sides_alone_are_refused(pairing):
         SceneError, match=r"never face each other: one lies behind the other by up to 2, .*Opening"
     ):
         with_contact(pairing, *(patch.geometry.outer_end(body, 2) for body in (2, 1)))
-
-
-@needs("mortar")
-def test_a_way_through_the_own_body_is_none():
-    """The slave's upper plate stands between its lower one and the master."""
-    x = np.linspace(0, 1, 5)
-    heights = {"lower": (0.0, 0.2), "upper": (0.3, 0.5), "master": (0.51,)}
-    points = np.vstack([np.column_stack([x, 0 * x + y]) for row in heights.values() for y in row])
-    sides = [chain(5, 5 * k) for k in range(5)]
-    slave = np.vstack(sides[:4])
-    inner = points[slave].mean(axis=1) + np.repeat([[0, 0.1], [0, -0.1]] * 2, 4, axis=0)
-    with warnings.catch_warnings(
-        action="error", category=PairingWarning
-    ):  # nothing lies beyond an edge
-        master = make(2, points, sides[4], points[sides[4]].mean(axis=1) + np.array([0, 0.1]))
-        found = hhr.Mortar(2, 1).rows((make(1, points, slave, inner), master), points.size)
-    assert found.gap == pytest.approx(0.01, abs=1e-12) and found.gap.size == 5
 
 
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])

@@ -6,9 +6,8 @@ import contact_patch_test as patch
 import hertz_half_discs
 import numpy as np
 import pytest
-import sphere_on_block as sphere
-from dolfinx import mesh as dmesh
 from needs import MORTAR, mortar, needs
+from nonmatching_blocks import outsides, shrink_fit
 from scenes import check_contact_conditions, pair_scene, slope
 
 import hhr_dolfinx as hhr
@@ -17,29 +16,8 @@ from hhr_dolfinx.geometries import hertz_half_discs as discs
 from hhr_dolfinx.geometries import two_blocks
 
 STANDARD = patch.PAIRINGS["mortar, standard"]
-MESHES = [
-    ((3, 3), (5, 4), False),
-    ((7, 4), (8, 4), True),
-    ((1, 2), (20, 6), False),
-    ((20, 6), (1, 2), True),
-    ((2, 2, 2), (3, 3, 3), False),
-    ((3, 2, 2), (4, 5, 2), True),
-    ((6, 6, 2), (1, 1, 2), False),
-]
-
-
 FINER = (3, 3), (5, 4)
 """Cells of the master, and of the slave."""
-
-
-@needs("mortar")
-@pytest.mark.parametrize("pairing", [mortar, STANDARD])
-@pytest.mark.parametrize(("lower", "upper", "simplices"), MESHES)
-def test_mortar_passes_the_patch_test(pairing, lower, upper, simplices):
-    """Round-off times cond(K): at most 1e-11 was seen."""
-    _, pressure, stress = patch.solve(patch.scene(pairing, lower, upper, simplices=simplices))
-    assert pressure == pytest.approx(1.0, abs=1e-10)
-    assert stress < 1e-10
 
 
 def test_node_to_surface_has_its_known_defect_in_one_pass():
@@ -66,21 +44,6 @@ def test_matching_meshes_give_the_node_to_node_answer(hertz, pairing):
         assert other.solve(mu).forces() == pytest.approx(hertz.solve(mu).forces(), abs=1e-10)
 
 
-@needs("mortar")
-def test_standard_multipliers_give_the_node_to_node_pressure_where_all_nodes_touch():
-    """Their gaps are averages over neighbours, so that nodal answers differ only where contact
-    begins.
-    """
-    nodal, standard = (
-        hhr.FullOrderModel(patch.scene(pairing, (6, 4), (6, 4), poisson=0.3)).solve(
-            [patch.PUSH, 0.0]
-        )
-        for pairing in (hhr.NodeToNode, STANDARD)
-    )
-    assert nodal.active.all() and standard.active.all()
-    assert standard.displacement() == pytest.approx(nodal.displacement(), abs=1e-10)
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("by_normal", [True, False])
 @pytest.mark.parametrize(
@@ -103,32 +66,6 @@ def test_rotation_changes_no_scalar(pairing, by_normal, dim):
         results.append(np.array([*sizes, *np.sort(forces), *np.sort(problem.gaps[:, 0])]))
     for turned in results[1:]:
         assert turned == pytest.approx(results[0], abs=1e-10)
-
-
-def shrink_fit(pairing, cells, interference=1e-6, simplices=False):
-    """Cylinder 1 <= r <= 2 in a cylinder 2 <= r <= 3, too large by ``interference``, held
-    axially.
-    """
-    inner, outer = two_blocks.FIRST, two_blocks.SECOND
-    axial = [
-        hhr.Displacement(two_blocks.side(body, 1, upper), 1)
-        for body in (inner, outer)
-        for upper in (False, True)
-    ]
-    return pair_scene(
-        "shrink_fit",
-        {"p": (0.0, 1.0)},
-        ((1.0, 0.0), (2.0, 0.5), (cells, cells // 2)),
-        ((2.0 - interference, 0.0), (3.0, 0.5), (cells, 3 * cells // 4)),
-        ((10.0, 0.3), (4.0, 0.2)),
-        simplices=simplices,
-        hypothesis="axisymmetric",
-        contacts=(
-            pairing(two_blocks.side(outer, 0, False), two_blocks.side(inner, 0, True), (-1.0, 0.0)),
-        ),
-        displacements=tuple(axial),
-        loads=(hhr.Pressure(two_blocks.side(outer, 0, True), slope("p")),),
-    )
 
 
 def lame_pressure(interference):
@@ -163,31 +100,6 @@ def test_lame_shrink_fit_converges(pairing, simplices):
         assert solution.forces() / full_order.problem.contact_areas == pytest.approx(
             lame_pressure(1e-6), rel=5e-3
         )
-
-
-@needs("mortar")
-def test_hertz_sphere():
-    """Contact radius and peak pressure within 5 % of Hertz on a coarser mesh than the demo's."""
-    full_order = hhr.FullOrderModel(sphere.scene(sphere_cells=(16, 7), block_cells=(12, 6)))
-    solution = full_order.solve([0.2, 0.0])
-    check_contact_conditions(
-        full_order.problem, solution.displacement(), solution.forces(), [0.2, 0.0], relative=1e-9
-    )
-    row = sphere.beside_hertz(full_order, 0.2)
-    assert abs(row["radius"]) < 0.05 and abs(row["peak"]) < 0.05
-
-
-def outsides(first, second, kept, simplices=False):
-    """Blocks whose surfaces 1 and 2 are all sides of each that are not among those ``kept``."""
-
-    def geometry(comm):
-        mesh, bodies, sides = two_blocks.two_blocks(
-            comm, first=first, second=second, simplices=simplices
-        )
-        values = np.where(np.isin(sides.values, kept), sides.values, sides.values // 100)
-        return mesh, bodies, dmesh.meshtags(mesh, sides.dim, sides.indices, values.astype(np.int32))
-
-    return geometry
 
 
 def pressed_squares(pairing, dim, simplices=False):

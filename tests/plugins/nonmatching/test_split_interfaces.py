@@ -6,11 +6,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-import split
-from needs import DOUBLE_PASS, MORTAR, NODE_TO_SURFACE, mortar, needs, node_to_surface
+import split_interface
+from needs import DOUBLE_PASS, MORTAR, NODE_TO_SURFACE, needs, node_to_surface
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import PairingWarning, SceneError
+from hhr_dolfinx.errors import SceneError
 
 POINT = {"press": 10.0}
 pytestmark = needs("nonmatching")
@@ -18,8 +18,14 @@ pytestmark = needs("nonmatching")
 
 def answers(pairing, cells, **options):
     """Full models and answers of the interface as two contacts, and as one."""
-    halves = [pairing(*tags, **options) for tags in zip(split.UPPER, split.LOWER, strict=True)]
-    scenes = split.scene(halves, cells), split.scene(halves[:1], cells, split=False)
+    halves = [
+        pairing(*tags, **options)
+        for tags in zip(split_interface.UPPER, split_interface.LOWER, strict=True)
+    ]
+    scenes = (
+        split_interface.scene(halves, cells),
+        split_interface.scene(halves[:1], cells, split=False),
+    )
     full = [hhr.FullOrderModel(scene) for scene in scenes]
     return full, [model.solve(POINT) for model in full]
 
@@ -42,47 +48,14 @@ def test_two_contacts_are_one_interface(pairing, cells):
         assert parts[f"{name} 0"] + parts[f"{name} 1"] == pytest.approx(one[f"{name} 0"], rel=1e-9)
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@needs("mortar", "second_order")
-def test_mortar_passes_the_patch_test_on_both_halves(order):
-    halves = [mortar(*tags) for tags in zip(split.UPPER, split.LOWER, strict=True)]
-    full = hhr.FullOrderModel(split.scene(halves, (6, 8), order=order))
-    answer = full.solve(POINT)
-    assert answer.pressure() == pytest.approx(np.full(full.conditions, 10.0), rel=1e-10)
-    assert dict(answer.outputs().items()) == pytest.approx(split.HALVES, abs=1e-10)
-
-
-@needs("mortar")
-def test_two_masters_of_one_slave():
-    """A slave on a master of two tags: nodes next to the joint touch both, and have one condition
-    each.
-    """
-    halves = [mortar(split.UPPER[0], tag) for tag in split.LOWER]
-    scene = split.scene(halves, (6, 7))
-    joined = hhr.FullOrderModel(split.scene(halves[:1], (6, 7), split=False))
-
-    def geometry(comm):
-        mesh, cells, facets = split.geometry(comm, (6, 7), True)
-        values = np.where(facets.values == split.UPPER[1], split.UPPER[0], facets.values)
-        return mesh, cells, split.dmesh.meshtags(mesh, 1, facets.indices, values)
-
-    with pytest.warns(
-        PairingWarning, match="beyond the edge"
-    ):  # each half of the master, which has the other half
-        full = hhr.FullOrderModel(dataclasses.replace(scene, geometry=geometry))
-    answer = full.solve(POINT)
-    assert full.conditions == joined.conditions == 8
-    assert answer.pressure() == pytest.approx(np.full(8, 10.0), rel=1e-10)
-    found = answer.outputs()
-    assert [found[f"force {k}"] for k in (0, 1)] == pytest.approx([10.0, 10.0])
-    assert [found[f"width {k}"] for k in (0, 1)] == pytest.approx([1.0, 1.0])
-
-
 @needs("sliding")
 def test_surfaces_that_slide_far_refuse_it():
-    halves = [node_to_surface(*tags) for tags in zip(split.UPPER, split.LOWER, strict=True)]
-    held = split.scene(halves, outputs=())
-    above = hhr.Displacement(split.side(split.SECOND, 1, upper=True), 0)
+    halves = [
+        node_to_surface(*tags)
+        for tags in zip(split_interface.UPPER, split_interface.LOWER, strict=True)
+    ]
+    held = split_interface.scene(halves, outputs=())
+    above = hhr.Displacement(split_interface.side(split_interface.SECOND, 1, upper=True), 0)
     held = dataclasses.replace(
         held, displacements=(*held.displacements[:2], held.displacements[3], above)
     )

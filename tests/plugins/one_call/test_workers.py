@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import contract
 import numpy as np
-from launched import launch, run_program
 from mpi4py import MPI
+from mpirun import launch, run_program
 from needs import needs
 
 from hhr_dolfinx.contact.law import UNILATERAL

@@ -6,13 +6,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-import split
+import split_interface
 import your_scene
-from bare import python
 from mpi4py import MPI
 from needs import needs, present
+from processes import python
 from scenes import pressed_block, stacked
-from sheared import driven
+from sheared_blocks import driven
 from shell import AT, SPRING, invoke
 
 import hhr_dolfinx as hhr
@@ -23,12 +23,15 @@ from hhr_dolfinx.plugins.pages.scenery import Scenery
 
 def halves():
     """Two contacts share a node in the middle, off the middle of the pressure."""
-    pairs = [hhr.NodeToNode(*tags, (0, -1)) for tags in zip(split.UPPER, split.LOWER, strict=True)]
+    pairs = [
+        hhr.NodeToNode(*tags, (0, -1))
+        for tags in zip(split_interface.UPPER, split_interface.LOWER, strict=True)
+    ]
     bodies = (
-        hhr.Body(split.FIRST, young=1e3, poisson=0.1),
-        hhr.Body(split.SECOND, young=1e3, poisson=0.4),
+        hhr.Body(split_interface.FIRST, young=1e3, poisson=0.1),
+        hhr.Body(split_interface.SECOND, young=1e3, poisson=0.4),
     )
-    return split.scene(
+    return split_interface.scene(
         pairs, bodies=bodies, parameters=hhr.ParameterSpace(("press",), (1.0,), (20.0,))
     )
 

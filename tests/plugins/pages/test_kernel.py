@@ -7,6 +7,7 @@ import importlib.util
 import itertools
 
 import pytest
+from libraries import ZIG
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.errors import MissingPackageError
@@ -20,7 +21,6 @@ from hhr_dolfinx.plugins.pages.kernel import (
 from hhr_dolfinx.plugins.pages.laws import Laws
 from hhr_dolfinx.plugins.pages.layout import layouts
 
-ZIG = importlib.util.find_spec("ziglang") is not None
 LAWS = [None, *(name for name in ("friction",) if name in registry.installed())]
 KERNELS = list(itertools.product(LAWS, ([], ["floating"], ["flow"], ["floating", "flow"])))
 

@@ -6,9 +6,9 @@ import warnings
 import contract
 import numpy as np
 import pytest
-from bare import SCENE_FOLDERS
-from launched import launch
+from mpirun import launch
 from needs import needs
+from processes import SCENE_FOLDERS
 from threadpoolctl import threadpool_info
 from threads import THREADS, at_once
 

@@ -1,62 +1,26 @@
 """What a page shows and does: its scripts in jsdom, beside the numbers of the model in Python."""
 
 import dataclasses
-import json
-import os
-import subprocess
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
 
 import contract
 import numpy as np
 import pytest
-from bare import WAIT
 from condensing import FINE as QUIET
 from mpi4py import MPI
 from needs import needs
-from test_pages import NODE, drawn_field, in_space, known, made, rubbed
+from page_scenes import in_space, known, made, rubbed
+from pages_in_node import THERE, drawn_field, rows_of, said, shown
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.plugins.pages import page
 
-PLACES = ("/usr/share/nodejs", "/usr/lib/node_modules", "/usr/local/lib/node_modules")
-"""Where Debian and npm put packages for all users."""
-PATHS = os.pathsep.join([*filter(None, [os.environ.get("NODE_PATH")]), *PLACES])
 WIDE, HIGH = 400, 240
 """Size of all canvases in jsdom."""
 
 
-def in_jsdom(*words, asked=""):
-    """A run of node that finds jsdom."""
-    env = os.environ | {"NODE_PATH": PATHS}
-    return subprocess.run(
-        [NODE, *words], input=asked, capture_output=True, text=True, timeout=WAIT, env=env
-    )
-
-
-THERE = NODE is not None and in_jsdom("-e", "require.resolve('jsdom')").returncode == 0
 pytestmark = pytest.mark.skipif(not THERE, reason="node or its package jsdom is not there")
-
-
-def shown(text, address, *acts):
-    """What a page shows at an address, and after each act of a user: see page_in_jsdom.js."""
-    asked = json.dumps({"page": text, "address": address, "acts": acts})
-    done = in_jsdom(Path(__file__).with_name("page_in_jsdom.js"), asked=asked)
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["errors"] == []
-    return told["found"]
-
-
-def said(value):
-    """A number as a page shows it."""
-    return float(f"{value:.6g}")
-
-
-def rows_of(view):
-    """Numbers of the table by name."""
-    return {row[0]: row[1] for row in view["table"][1:] if len(row) > 1}
 
 
 def canvas(view, name):
@@ -298,7 +262,7 @@ def test_a_path_with_friction_is_kept_drawn_and_begun_anew():
 @needs("inelastic", "moduli")
 def test_creep_goes_on_where_a_load_is_held():
     """For the seconds that are given; a copied path has its times."""
-    from test_flow_pages import pair
+    from flowing_pages import pair
 
     model, scenery = (
         pair("back stresses, creep")[1],

@@ -4,33 +4,46 @@ page may not hold.
 
 import dataclasses
 import itertools
-import json
 import re
-import shutil
-import subprocess
-from functools import cache, partial
-from pathlib import Path
 
 import contract
-import held_by_contact
+import impossible_moduli
 import numpy as np
-import pellet_cladding
-import press_fit
 import pytest
-import sphere_on_block
-import split
-import test_moduli
-from bare import WAIT
-from mpi4py import MPI
-from needs import needs, present
-from scenes import block_scene, slope
+from needs import needs
+from page_scenes import (
+    FORMULAS,
+    MORE,
+    OF_FRICTION,
+    SCENES,
+    heated,
+    known,
+    made,
+    marked,
+    rubbed,
+    tour_of,
+    values_of_formulas,
+)
+from pages_in_node import (
+    CHROMIUM,
+    ENDED,
+    LOADED,
+    MODEL,
+    along,
+    check_field,
+    check_increment,
+    data_of,
+    dumped,
+    in_node,
+    node,
+    tree_of,
+)
+from scenes import slope
 from scipy.sparse import csr_matrix
-from sheared import driven, leaning, lifted, round_block, rubbing
+from sheared_blocks import rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError, NotOfferedError
-from hhr_dolfinx.formulas import Scalar
-from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.displacement import dense
@@ -39,22 +52,6 @@ from hhr_dolfinx.plugins.pages.packing import Packed, steps_of
 from hhr_dolfinx.plugins.pages.pictures import pictures_of
 from hhr_dolfinx.plugins.pages.scenery import thinned
 
-MODEL = Path(page.__file__).with_name("model.js")
-NODE = shutil.which("node")
-CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
-in_node = pytest.mark.skipif(NODE is None, reason="node is not there")
-LOADED = """
-const fs = require("fs"), hhr = global.hhr = require(process.argv[1]);
-for (const part of ["bound", "steps", "flow"])
-  require(process.argv[1].replace("model.js", part + ".js"));
-const { page, path, points } = JSON.parse(fs.readFileSync(0, "utf8"));
-const json = page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1];
-const data = JSON.parse(json);
-const loaded = hhr.Model.of(data.tree, hhr.decoded(data.arrays)), found = [];
-loaded.then((model) => {
-"""
-"""Beginning of a program of node with the scripts and the data of a page; ENDED is its end."""
-ENDED = "}).catch((error) => { console.error(error); process.exit(1); });"
 PROGRAM = """
 const bound = data.tree.bound && new hhr.Bound(model);
 const answers = points.map((point) => {
@@ -70,63 +67,11 @@ console.log(JSON.stringify(answers));
 """
 
 
-def node(program, *files, **asked):
-    """What a program prints that is given files of scripts and, where it reads one, an object."""
-    words = [NODE, "-e", program, *map(str, files)]
-    done = subprocess.run(
-        words, input=json.dumps(asked), capture_output=True, text=True, timeout=WAIT
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
-
-
 def answered(model, scenery, points):
     """What a page answers in node, point by point."""
     return node(
         LOADED + PROGRAM + ENDED, MODEL, page=page.page_text(model, scenery), points=points.tolist()
     )
-
-
-def along(model, scenery, path, points=()):
-    """What a page with friction finds along a path, and at points that are loaded in proportion."""
-    given = {"path": np.array(path, float).tolist(), "points": np.array(points, float).tolist()}
-    return node(ALONG, MODEL, page=page.page_text(model, scenery), **given)
-
-
-def data_of(text):
-    """Tree and arrays of a page, and that they end no script."""
-    data = re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1]
-    assert "<" not in data
-    return json.loads(data)
-
-
-def tree_of(model, scenery):
-    """What a page knows of its model."""
-    return data_of(page.page_text(model, scenery))["tree"]
-
-
-def drawn_field(answer, scenery):
-    """Displacement of the nodes that a page draws, one node after the other."""
-    return answer.displacement().reshape(-1, scenery.points.shape[1])[scenery.nodes].ravel()
-
-
-def check_field(found, answer, scenery, least=0.0, share=0.03):
-    """A page draws by few modes."""
-    exact = drawn_field(answer, scenery)
-    assert np.linalg.norm(found["field"] - exact) < share * max(np.linalg.norm(exact), least)
-
-
-def made(scene, **how):
-    """The full model of a scene, its condensed model, and a page."""
-    full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
-    model = hhr.condense(full, **how)
-    return full, model, hhr.scenery_of(full)
-
-
-@cache
-def known(name):
-    """The same of one of the scenes below, with displacements."""
-    return made((SCENES | MORE)[name](), fields=True)
 
 
 def stress_drawn(full, model, scenery, point):
@@ -141,110 +86,6 @@ def stress_drawn(full, model, scenery, point):
     nodes = scenery.nodes[scenery.triangles[order]]
     owner = [np.flatnonzero(np.isin(corners, own).sum(axis=1) == 3)[0] for own in nodes]
     return von_mises(model.solve(point).stress()[owner])
-
-
-def held():
-    """A ring in its groove under a lid, and what is read of both."""
-    pressed = hhr.LargestPressure("peak", 0), hhr.ContactForce("push", 1, (0.0, 1.0))
-    moved = (
-        hhr.DisplacementAt("sinks", (20.0, 5.5), 1, "lid"),
-        hhr.DisplacementAt("widens", (22.0, 2.0), 0, "ring"),
-    )
-    return dataclasses.replace(held_by_contact.o_ring(0.15), outputs=(*pressed, *moved))
-
-
-def halves():
-    """Two contacts share a node in the middle, off the middle of the pressure."""
-    pairs = [hhr.NodeToNode(*tags, (0, -1)) for tags in zip(split.UPPER, split.LOWER, strict=True)]
-    bodies = (
-        hhr.Body(split.FIRST, young=1e3, poisson=0.1),
-        hhr.Body(split.SECOND, young=1e3, poisson=0.4),
-    )
-    scene = split.scene(
-        pairs, bodies=bodies, parameters=hhr.ParameterSpace(("press",), (1.0,), (20.0,))
-    )
-    return dataclasses.replace(scene, outputs=(*scene.outputs, *ENERGY))
-
-
-def bedded():
-    """The same on a bed, whose energy is left out."""
-    bed = hhr.Springs(side(split.FIRST, 1, upper=False), 1, 300.0, bedding=True)
-    scene = halves()
-    return dataclasses.replace(
-        scene, displacements=scene.displacements[:1] + scene.displacements[2:], loads=(bed,)
-    )
-
-
-def indented():
-    """A block under a round tool that moves aside and down, and grows.
-
-    Normals of the nodes at its ends miss it.
-    """
-    top = block.side(1, upper=True)
-    sides = (block.side(0, upper=False), block.side(0, upper=True))
-    return block_scene(
-        "indented",
-        {"down": (0.0, 0.05), "aside": (-0.06, 0.06), "grown": (0.0, 0.2)},
-        lower=(-2.0, 0.0),
-        upper=(2.0, 1.0),
-        cells=(16, 4),
-        contacts=(
-            hhr.Circle(
-                top, center=("aside", "1.79 + 0.5 * grown - down"), radius="0.8 + 0.5 * grown"
-            ),
-        ),
-        displacements=(
-            *(hhr.Displacement(side, 0) for side in sides),
-            *hhr.Displacement.clamp(block.side(1, upper=False), 2),
-        ),
-        outputs=(hhr.LargestPressure("peak", 0), hhr.ContactForce("push", 0, (0.0, 1.0))),
-    )
-
-
-ENERGY = (hhr.ElasticEnergy("energy"),) if present("stress") else ()
-OF_PELLET = (
-    hhr.LargestPressure("peak", 0),
-    hhr.ContactForce("push", 0, (1.0, 0.0)),
-    hhr.ContactWidth("width", 0),
-    hhr.DisplacementAt("bulge", (4.1, 0.0), 0, 1),
-    hhr.VonMises("stress", 1),
-)
-SCENES = {
-    "partial pressure": lambda: dataclasses.replace(
-        pellet_cladding.scene(**pellet_cladding.QUICK_MESH), outputs=OF_PELLET
-    ),
-    "moduli": lambda: contract.blocks(("E1", "nu"), box=contract.MODULI | {"nu": (0.1, 0.4)}),
-    "formula": lambda: contract.blocks(
-        ("E1 * (1 + exp(-2 * E1) / 3) ** 2 - min(0.1, -E1)", 0.3), box=contract.MODULI
-    ),
-    "shape": lambda: contract.blocks(box=contract.SHAPE, shapes=(contract.crowned(),)),
-    "space": lambda: press_fit.scene(around=4, hub_cells=(2, 4), shaft_cells=(2, 4)),
-}
-MORE = {
-    "held by contact": held,
-    "moving tool": indented,
-    "halves": halves,
-    "bed": bedded,
-    "sphere": lambda: sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)),
-    "plane stress": lambda: dataclasses.replace(SCENES["moduli"](), hypothesis="plane_stress"),
-    "heat": lambda: heated("axisymmetric", 0.05, load=10.0),
-}
-OF_MODULI = ("moduli", "formula", "space", "plane stress", "shape")
-
-
-def marked(*names):
-    """Cases of tests, of which some need a plug-in."""
-    marks = {name: [needs("moduli")] for name in OF_MODULI}
-    marks["space"].append(needs("mortar", "shapes", "volume_loads"))
-    marks["shape"].append(needs("shapes"))
-    marks["moving tool"] = [needs("obstacles")]
-    marks["bed"] = [needs("nodal_loads")]
-    marks |= {
-        "sphere": [needs("mortar")],
-        "heat": [needs("volume_loads")],
-        "held by contact": [needs("nonmatching")],
-    }
-    return [pytest.param(name, marks=marks.get(name, ())) for name in names]
 
 
 @needs("shared_nodes")
@@ -395,15 +236,6 @@ def test_a_page_draws_the_stress_of_cells(name):
             assert np.linalg.norm(found["stress"] - exact) < 0.03 * np.linalg.norm(exact)
 
 
-def heated(hypothesis, expansion=1e-3, **slopes):
-    warm = hhr.ThermalExpansion(
-        FIRST, expansion, hhr.Amplitude(constant=0.0 if slopes else 2.0, slopes=slopes)
-    )
-    return dataclasses.replace(
-        contract.blocks(), hypothesis=hypothesis, loads=(*contract.blocks().loads, warm)
-    )
-
-
 @needs("volume_loads", "elasticity")
 @pytest.mark.parametrize(
     ("scene", "there"),
@@ -418,28 +250,6 @@ def heated(hypothesis, expansion=1e-3, **slopes):
 def test_stress_is_left_out_where_it_is_not_that_of_the_displacement_alone(scene, there):
     _, _, scenery = made(scene())
     assert (scenery.strains is not None) is there
-
-
-FORMULAS = [
-    Scalar(text, ("a", "b"))
-    for text in (
-        "a + b - a * b / 3",
-        "-a ** 2 + (-b) ** 2",
-        "sqrt(a) + exp(-b) + log(a) + pi",
-        "a ** b",
-        "sin(a) * cos(b) - tan(a) + tanh(b)",
-        "min(a, b) + 2 * max(a, 0.3) - abs(b - a)",
-        "min(1, sqrt(a - 1))",
-        "table(a, 0, 1, 0.5, 3, 2, -1) + table(b, 0, -1, 2, 5)",
-    )
-]
-
-
-def values_of_formulas():
-    """Points, and what Python says there of each."""
-    points = np.random.default_rng(0).uniform(0.1, 1.9, (20, 2))
-    with np.errstate(invalid="ignore"):
-        return points, np.array([[scalar.value(point) for scalar in FORMULAS] for point in points])
 
 
 @in_node
@@ -625,26 +435,6 @@ def test_a_page_of_what_never_moves(tmp_path):
     assert '"field":null' in text
 
 
-def dumped(target, address, folder):
-    """A page with an address as a browser has it in the end."""
-    words = [
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--disable-background-networking",
-        "--no-first-run",
-    ]
-    words += [
-        "--enable-unsafe-swiftshader",
-        f"--user-data-dir={folder / 'profile'}",
-        "--virtual-time-budget=3000",
-    ]
-    words += ["--dump-dom", f"{target.as_uri()}#{address}"]
-    return subprocess.run(
-        [CHROMIUM, *words], capture_output=True, text=True, timeout=WAIT, check=True
-    ).stdout
-
-
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not there")
 @pytest.mark.parametrize("name", marked("partial pressure", "space"))
 def test_a_browser_shows_the_answer_of_its_address(name, tmp_path):
@@ -667,105 +457,6 @@ def test_a_browser_shows_the_answer_of_its_address(name, tmp_path):
     for pair in set(scenery.pairs.tolist()):
         total = forces[scenery.pairs == pair].sum()
         assert f"<td>sum of forces</td><td>{float(f'{total:.6g}'):.12g}</td>" in found, total
-
-
-ALONG = (
-    LOADED
-    + """
-const sliding = new hhr.Steps(model);
-let state = sliding.rest(path[0]);
-for (const point of path.slice(1)) {
-  state = sliding.reached(state, point);
-  const names = ["forces", "position", "path", "work", "wear", "statuses"];
-  const plain = Object.fromEntries(names.map((name) => [name, [...state[name]]]));
-  found.push({ ...plain, outputs: model.outputs(state), field: [...model.displacement(state)] });
-}
-const begun = points.map((point) => sliding.begun(point));
-const told = (states) =>
-  ({ forces: [...states.at(-1).forces], path: states.map(({ point }) => point) });
-console.log(JSON.stringify({ found, loaded: begun.map(told) }));
-"""
-    + ENDED
-)
-
-
-def in_space(friction, cells=4):
-    """The same blocks in space, of which the upper one moves along both tangents and touches with a
-    round side.
-    """
-
-    def bulge(x, y, z):
-        return 0.2 * ((x - 0.5) ** 2 + (y - 0.5) ** 2) * (2 - z)
-
-    blocks = partial(lifted, lift=bulge, cells=(cells,) * 3)
-    return rubbing(friction, dimension=3, geometry=blocks, box={"aside": (-0.1, 0.1)})
-
-
-RUBBING = {
-    "in space": lambda: in_space(0.3),
-    "in space with a limit": lambda: in_space(hhr.Coulomb(0.5, limit=0.05)),
-    "in space, Tresca": lambda: in_space(hhr.Tresca(0.02)),
-    "Coulomb": lambda: rubbing(geometry=round_block, pairing=None),
-    "formula and limit": lambda: rubbing(
-        hhr.Coulomb("f * (1 + f)", limit=0.02), geometry=round_block, box={"f": (0.0, 0.8)}
-    ),
-    "Tresca": lambda: rubbing(hhr.Tresca(0.01), geometry=round_block),
-    "both sides imposed": lambda: driven(geometry=leaning),
-    "moduli": lambda: rubbing(
-        geometry=round_block,
-        bodies=(hhr.Body(FIRST, "E1", 0.3), hhr.Body(SECOND, "2 * E2", "nu")),
-        box={"E1": (2.0, 6.0), "E2": (2.0, 4.0), "nu": (0.2, 0.3)},
-    ),
-    "slave nodes": lambda: rubbing(
-        pairing=hhr.NodeToSurface(
-            side(SECOND, 1, False), side(FIRST, 1, True), (0.0, -1.0), friction=0.4
-        ),
-        geometry=round_block,
-    ),
-}
-PUSHED = 0.0, 0.03, 0.03, 0.04, 0.02, 0.002, 0.05, 0.05, 0.01
-SHEARED = 0.0, 0.0, 0.02, 0.06, 0.0, -0.06, -0.02, 0.1, 0.1
-TOUR = list(zip(PUSHED, SHEARED, strict=True))
-"""Pressed, sheared, turned round, let go, and pressed again."""
-
-
-def rubbed(name):
-    """One of these scenes, with outputs of forces, and energy where K is constant."""
-    scene = RUBBING[name]()
-    along = (1.0, 0.0, 0.0)[: 3 if scene.hypothesis == "solid" else 2]
-    outputs = (hhr.LargestPressure("peak", 0), hhr.ContactForce("pull", 0, along))
-    energy = (hhr.ElasticEnergy("energy"),) if name != "moduli" and present("stress") else ()
-    return dataclasses.replace(scene, outputs=outputs + energy)
-
-
-def tour_of(model):
-    """The tour; in space to and fro aside too, elsewhere in the middle of what laws and moduli ask
-    for.
-    """
-    if model.dimension == 3:
-        return [np.array([*point, 0.05 * np.sin(k)]) for k, point in enumerate(TOUR)]
-    return [np.array([*point, *model.parameters.middle[2:]]) for point in TOUR]
-
-
-def check_increment(found, answer, largest, off=1e-10):
-    """What a page or C finds in an increment with friction, beside Python.
-
-    Forces are ``off`` at most.
-    """
-    np.testing.assert_allclose(found["forces"], answer.multipliers, rtol=0, atol=off * largest)
-    for kind in {"position", "path", "work", "wear"} & found.keys():
-        known = getattr(answer.slip, kind)
-        np.testing.assert_allclose(
-            found[kind], known, rtol=1e-8, atol=off * max(np.abs(known).max(), 1e-6)
-        )
-    assert list(found["statuses"]) == answer.slip.statuses.tolist()
-    np.testing.assert_allclose(
-        found["outputs"], list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11
-    )
-
-
-NEEDED_BY = {"moduli": ("moduli",), "slave nodes": ("nonmatching",)}
-OF_FRICTION = [pytest.param(name, marks=needs(*NEEDED_BY.get(name, ()))) for name in RUBBING]
 
 
 @needs("friction")
@@ -880,18 +571,13 @@ def test_a_mesh_that_is_finer_than_a_screen_is_thinned():
     assert (bodies.all(axis=1) | ~bodies.any(axis=1)).all() and bodies.any() and not bodies.all()
 
 
-IMPOSSIBLE = pytest.mark.parametrize(
-    "bodies", [(test_moduli.YOUNG, 0.3), ("E1", test_moduli.RATIO)], ids=["modulus", "ratio"]
-)
-
-
 @needs("moduli")
 @in_node
-@IMPOSSIBLE
+@impossible_moduli.BODIES
 def test_a_page_has_no_answer_where_an_elastic_constant_is_impossible(bodies):
     """As every model in Python; beside the point both answer."""
-    _, model, scenery = made(test_moduli.scene(*bodies))
-    point = np.array(list(test_moduli.POINT.values()))
+    _, model, scenery = made(impossible_moduli.scene(*bodies))
+    point = np.array(list(impossible_moduli.POINT.values()))
     beside = np.add(point, [0.0, 0.0, 1e-3])
     there, nowhere = answered(model, scenery, np.array([beside, point]))
     assert there["converged"] and not nowhere["converged"]

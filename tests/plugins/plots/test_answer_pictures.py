@@ -169,7 +169,7 @@ def test_facets_of_second_order_are_split():
 
 @needs("friction")
 def test_a_picture_in_space_has_a_view_of_statuses(tmp_path):
-    from sheared import rubbing
+    from sheared_blocks import rubbing
 
     full = hhr.FullOrderModel(rubbing(dimension=3, cells=3), MPI.COMM_SELF)
     path = [(0.0, (0.0, 0.0)), (1.0, (0.03, 0.0)), (2.0, (0.03, 0.06))]

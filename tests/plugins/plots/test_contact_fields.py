@@ -96,7 +96,7 @@ def test_a_file_of_an_earlier_release_is_named(kept, tmp_path):
 
 @needs("friction")
 def test_statuses_of_friction_are_those_of_its_memory():
-    from sheared import PATH, rubbing
+    from sheared_blocks import PATH, rubbing
 
     answer = hhr.FullOrderModel(rubbing()).march(PATH).answers[2]
     statuses = answer.statuses()

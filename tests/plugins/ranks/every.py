@@ -12,9 +12,9 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from bare import SCENE_FOLDERS
 from click.testing import CliRunner
 from mpi4py import MPI
+from processes import folders_of
 from scenes import pressed_block, pressed_pair
 
 import hhr_dolfinx as hhr
@@ -60,16 +60,20 @@ class Work:
 
     @cached_property
     def scene(self):
-        return self.file_of("scene.py", PLAIN.format(folders=SCENE_FOLDERS, changes=""))
+        return self.file_of("scene.py", PLAIN.format(folders=folders_of(__file__), changes=""))
 
     @cached_property
     def scene_with_paths(self):
-        return self.file_of("paths.py", PLAIN.format(folders=SCENE_FOLDERS, changes="") + PATHS)
+        return self.file_of(
+            "paths.py", PLAIN.format(folders=folders_of(__file__), changes="") + PATHS
+        )
 
     @cached_property
     def scene_of_a_deck(self):
         """A deck has no gaps that are added."""
-        return self.file_of("deck.py", PLAIN.format(folders=SCENE_FOLDERS, changes="openings=()"))
+        return self.file_of(
+            "deck.py", PLAIN.format(folders=folders_of(__file__), changes="openings=()")
+        )
 
     def file_of(self, name, text):
         path = self.folder / name

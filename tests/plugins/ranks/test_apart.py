@@ -5,12 +5,12 @@ other lengths.
 import json
 
 import pytest
-from bare import SCENE_FOLDERS
-from launched import launch, run_program
+from mpirun import launch, run_program
+from processes import folders_of
 
 PROGRAM = f"""
 import json, sys
-sys.path[:0] = {SCENE_FOLDERS!r}
+sys.path[:0] = {folders_of(__file__)!r}
 import apart
 found = apart.outcomes()
 if apart.COMM.rank == 0:
@@ -84,7 +84,7 @@ def test_the_model_answers_after_all_of_these(found):
 
 SCENE = f"""
 import sys
-sys.path[:0] = {SCENE_FOLDERS!r}
+sys.path[:0] = {folders_of(__file__)!r}
 from apart import LAST, Broken, pair
 {{failure}}
 scene = pair({{changes}})

@@ -8,16 +8,16 @@ import re
 import every
 import numpy as np
 import pytest
-from bare import SCENE_FOLDERS
-from launched import launch
+from mpirun import launch
 from needs import OURS, needs
+from processes import folders_of
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
 
 PROGRAM = f"""
 import json, sys
-sys.path[:0] = {SCENE_FOLDERS!r}
+sys.path[:0] = {folders_of(__file__)!r}
 import every
 found = every.outcomes(json.loads(sys.argv[1]), sys.argv[2])
 if every.COMM.rank == 0:

@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from bare import SCENE_FOLDERS
-from launched import launch, run_program
+from mpirun import launch, run_program
 from needs import needs, present
+from processes import SCENE_FOLDERS
 
 PROGRAM = """
 import dataclasses, json, sys, warnings, weakref

@@ -6,9 +6,9 @@ import json
 
 import numpy as np
 import pytest
-from bare import SCENE_FOLDERS
-from launched import launch
+from mpirun import launch
 from needs import needs, present
+from processes import folders_of
 from scipy.sparse import random_array
 
 import hhr_dolfinx as hhr
@@ -167,7 +167,7 @@ class OwnNodes:
 def found(tmp_path_factory):
     """Numbers by the number of ranks, each when they are first asked for."""
     folder = str(tmp_path_factory.mktemp("rows"))
-    program = PROGRAM.format(folders=SCENE_FOLDERS, folder=folder)
+    program = PROGRAM.format(folders=folders_of(__file__), folder=folder)
 
     class Found(dict):
         def __missing__(self, ranks):

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from launched import run_program
 from mpi4py import MPI
+from mpirun import run_program
 from scenes import pressed_block
 from scipy.sparse import csr_matrix
 

@@ -271,7 +271,7 @@ def test_bodies_with_laws_are_refused_with_the_reason():
 
 @needs("friction")
 def test_friction_is_part_of_the_balance():
-    from sheared import PATH, rubbing
+    from sheared_blocks import PATH, rubbing
 
     top, bottom = (
         two_blocks.side(tag, 1, up)

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 
 import gmsh
 import pytest
-from bare import python
 from libraries import MED
 from petsc4py import PETSc
+from processes import python
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.linear.factors import gives_back

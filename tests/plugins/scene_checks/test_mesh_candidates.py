@@ -3,10 +3,21 @@
 import numpy as np
 import pytest
 import your_scene
+from cubes_in_files import (
+    CORNERS,
+    CUBE,
+    CUBES,
+    DECK,
+    FACES,
+    NAMES,
+    PLACED,
+    POINTS,
+    by_meshio,
+    nodes_of_deck,
+    written,
+)
 from scipy.spatial.transform import Rotation
 from shell import invoke
-from test_deck_parts import CORNERS, CUBE, PLACED
-from test_file_contents import CUBES, DECK, FACES, NAMES, POINTS, by_meshio, nodes_of_deck, written
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries.raw_mesh import RawMesh

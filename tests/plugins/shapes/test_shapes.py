@@ -3,14 +3,13 @@ door.
 """
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
 import scenes
-from bare import SCENE_FOLDERS
-from launched import launch
+from mpirun import launch
 from needs import cases_of, needs
+from processes import folders_of
 from scenes import (
     check_alike,
     check_contact_conditions,
@@ -392,7 +391,7 @@ except hhr.errors.SceneError as error:
 
 
 def test_several_ranks_are_refused():
-    said = launch(2, ["-c", PROGRAM.format(folders=[*SCENE_FOLDERS, str(Path(__file__).parent)])])
+    said = launch(2, ["-c", PROGRAM.format(folders=folders_of(__file__))])
     assert said.count("depends on parameters: build its model on one rank") == 2
 
 

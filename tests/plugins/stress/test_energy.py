@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from needs import needs
 from scenes import block_scene, output_slopes, pair_scene, slope
-from sheared import PATH, rubbing
+from sheared_blocks import PATH, rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneError

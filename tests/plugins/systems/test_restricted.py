@@ -9,11 +9,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bare import SCENE_FOLDERS
-from launched import launch
 from mpi4py import MPI
+from mpirun import launch
 from my_system import MySystem
 from needs import needs
+from processes import folders_of
 from scenes import block_scene, largest_difference, lying, pressed_pair, slope_errors, space
 from scipy.sparse import csr_matrix, save_npz
 from toy_system import Foundation, Parted
@@ -523,8 +523,6 @@ import json, sys
 sys.path[:0] = {folders!r}
 import numpy as np
 import hhr_dolfinx as hhr
-from bare import SCENE_FOLDERS
-from launched import launch
 from mpi4py import MPI
 from my_system import MySystem
 from test_restricted import joined
@@ -569,7 +567,7 @@ def on_ranks(ranks):
             "-W",
             "ignore",
             "-c",
-            PROGRAM.format(folders=[*SCENE_FOLDERS, str(Path(__file__).parent), TEMPLATE]),
+            PROGRAM.format(folders=[*folders_of(__file__), TEMPLATE]),
         ],
     )
     return json.loads(said.partition("OUT")[2].splitlines()[0])

@@ -7,8 +7,8 @@ from contextlib import nullcontext
 import contract
 import numpy as np
 import pytest
-from bare import python
 from mpi4py import MPI
+from processes import python
 from scipy import sparse
 
 import hhr_dolfinx as hhr

@@ -3,8 +3,9 @@
 import contract
 import numpy as np
 import pytest
-from bare import python, read_csv
+from bare_problem import read_csv
 from needs import needs, present
+from processes import python
 from rich.console import Console
 
 import hhr_dolfinx as hhr

@@ -7,8 +7,8 @@ import sys
 import tempfile
 
 import pytest
-from bare import python
 from numba.core import caching, config
+from processes import python
 
 from hhr_dolfinx.plugins.ufl_programs.compiled import compiled
 

@@ -4,15 +4,14 @@ reduced.
 
 import dataclasses
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
-from bare import SCENE_FOLDERS
 from kept_values import put, rewrite_model
-from launched import launch
+from local_models_by_hand import by_lapack
+from mpirun import launch
 from needs import needs
-from parted import by_lapack
+from processes import folders_of
 from scenes import block_scene, check_alike, largest_difference, pair_scene, slope, slope_errors
 
 import hhr_dolfinx as hhr
@@ -329,7 +328,7 @@ def test_idle_parameters():
 def test_on_two_ranks():
     """Means over cells and formulas on meshes that are spread."""
     program = (
-        f"import sys; sys.path[:0] = {[*SCENE_FOLDERS, str(Path(__file__).parent)]!r}\n"
+        f"import sys; sys.path[:0] = {folders_of(__file__)!r}\n"
         "import test_volume_loads as t\n"
         "t.test_free_expansion('axisymmetric', 0.49); t.test_two_layers_that_grow_into_a_gap()\n"
         "print('all is well')\n"

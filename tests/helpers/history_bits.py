@@ -54,7 +54,7 @@ missing = ["dolfinx_solver", "dolfinx", "ufl", "basix", "gmsh", "petsc4py", "sle
            "rich", "matplotlib"]
 sys.modules.update(dict.fromkeys(missing))
 import numpy as np, hhr_dolfinx as hhr
-from marched import flat
+from history_bits import flat
 model, path = hhr.load_model(sys.argv[1]), np.load(sys.argv[2])
 np.save(sys.argv[3], flat(model.march(list(zip(path[:, 0], path[:, 1:])))))
 """

@@ -3,7 +3,7 @@
 import json
 
 import numpy as np
-from bare import rewrite_signed
+from bare_problem import rewrite_signed
 
 from hhr_dolfinx.plain import _Reader
 

@@ -7,9 +7,6 @@ import io
 import json
 import mmap
 import pickle
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -21,19 +18,6 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.prolongation import Prolongation
 from hhr_dolfinx.models.answer import Answer, ElasticFields
 from hhr_dolfinx.parameters import ParameterSpace
-
-WAIT = 1800
-"""Seconds after which another process is held to hang.
-
-Those of the tests take half a minute on an idle machine.
-"""
-_ROOT = Path(__file__).parent.parent
-_PLUGINS = [f"tests/plugins/{name}" for name in ("elasticity", "floating", "ranks")]
-_FOLDERS = ["tests", "tests/core", *_PLUGINS, "demos", "benchmarks", "benchmarks/thesis"]
-SCENE_FOLDERS = [str(_ROOT / name) for name in _FOLDERS]
-"""Folders in which other processes find scenes and tests, as `pythonpath` of `pyproject.toml` names
-them for pytest.
-"""
 
 
 def read_csv(path):
@@ -83,14 +67,6 @@ def answer(point, dofs=6, conditions=2, seed=0):
     active = random_numbers.random(conditions) < 0.5
     values = random_numbers.random(dofs), random_numbers.random(conditions)
     return Answer(np.array(point, dtype=float), *values, active, 3, Status.CONVERGED, False, None)
-
-
-def python(*words, code=0, **how):
-    """A Python in another process, which must end with ``code``; None for any."""
-    command = [sys.executable, *map(str, words)]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=WAIT, **how)
-    assert code in (None, run.returncode), run.stdout[-2000:] + run.stderr[-3000:]
-    return run
 
 
 def rewrite_signed(path, change):

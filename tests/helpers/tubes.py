@@ -41,3 +41,28 @@ def in_time(scene):
     full._factor(gauss.discretisation, gauss.stiffness, gauss.moduli)
     full.equilibrium = gauss.equilibrium(full)
     return full
+
+
+def lame_tube(cells, gap, poisson=0.3):
+    """Tube 1 <= r <= 2 under inner pressure in [0, 1], held axially, with a rigid wall at 2 +
+    gap.
+    """
+    return tube(
+        None,
+        1.0,
+        cells,
+        poisson,
+        contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), 2 + gap),),
+    )
+
+
+def lame(inner, outer):
+    """A and C of sigma_r = A - C / r^2 and sigma_theta = A + C / r^2 under pressures at r = 1 and
+    2.
+    """
+    return (inner - 4 * outer) / 3, 4 * (inner - outer) / 3
+
+
+def lame_displacement(A, C, r, poisson=0.3):
+    """u_r in plane strain."""
+    return (1 + poisson) / YOUNG * ((1 - 2 * poisson) * A * r + C / r)

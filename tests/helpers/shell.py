@@ -3,12 +3,12 @@
 import os
 from pathlib import Path
 
-from bare import python
 from click.testing import CliRunner
+from processes import python
 
 from hhr_dolfinx.command.main import hhr as command
 
-DEMO = str(Path(__file__).parents[1] / "demos" / "your_scene.py")
+DEMO = str(Path(__file__).parents[2] / "demos" / "your_scene.py")
 SPRING = "your_scene:scene"
 """Its scene, without its settings of studies."""
 PROGRAM = ["-m", "hhr_dolfinx.command.main"]

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from bare import WAIT
+from processes import WAIT
 
 PATIENT = {"MPIR_CVAR_ENABLE_HEAVY_YIELD": "1", "OMPI_MCA_mpi_yield_when_idle": "1"}
 """Ranks that wait for others sleep (MPICH, Open MPI): where there are more of them than cores,

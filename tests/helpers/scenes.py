@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.contact.rows import joined
 from hhr_dolfinx.formulas import coordinate_names
 from hhr_dolfinx.geometries import block, stacked_blocks, two_blocks
 from hhr_dolfinx.reduction.projection import open_conditions, reduced_domain
@@ -363,3 +364,37 @@ def meshed(scene, point):
     # that move nothing, so that both have one rule of integration
     still = tuple(hhr.Shape(shape.tag, names) for shape in scene.shapes)
     return dataclasses.replace(scene, geometry=moved, shapes=still)
+
+
+@dataclasses.dataclass(frozen=True)
+class Twice:
+    """A pairing that makes its rows twice, which the scene cannot see."""
+
+    once: hhr.Obstacle
+
+    @property
+    def tags(self):
+        return self.once.tags
+
+    def rows(self, surfaces, dofs):
+        return joined([self.once.rows(surfaces, dofs)] * 2)
+
+
+def kkt(full, mu, rounding=1e-10):
+    """The conditions of the quadratic program, which is convex: whoever satisfies them has solved
+    it.
+    """
+    problem, answer = full.problem.at(mu), full.solve(mu)
+    theta, forces, moved = (
+        problem.amplitudes(answer.parameter),
+        answer.forces(),
+        answer.displacement(),
+    )
+    acting, given = problem.contact.T @ forces, problem.external @ theta
+    left = (problem.stiffness @ moved + acting - given)[problem.free]
+    size = max(np.abs(acting).max(), np.abs(given).max())
+    slack = problem.gaps @ theta - problem.contact @ (moved - problem.lifts @ theta)
+    assert np.abs(left).max() < rounding * size
+    assert forces.min() > -1e-12 * size and slack.min() > -1e-6 * np.abs(moved).max()
+    assert np.abs(forces * slack).max() < 1e-6 * size * np.abs(moved).max()
+    return answer
