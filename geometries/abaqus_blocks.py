@@ -141,6 +141,8 @@ def _lines(path: Path, above: tuple[Path, ...] = ()) -> Iterator[tuple[int, str]
 
 def _words(line: str) -> list[str]:
     """Words of a line between commas, without the quotes of names, as in ``"an instance".set``."""
+    if '"' not in line:
+        return [word.strip() for word in line.split(",")]
     matched = re.findall(r'((?:"[^"]*"|[^,"])*)(?:,|$)', line)
     return [word.strip().replace('"', "") for word in matched][: line.count(",") + 1]
 

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.linear.dense import Factorise, LapackCholesky, dense_factors
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 from hhr_dolfinx.models.eliminations.elimination import Responses
@@ -69,7 +70,11 @@ class ExactCondensation(Reductor[Task]):
 
 
 def exact_condensation(
-    full: FullModel, known: KnownStatuses, *, field: bool = True
+    full: FullModel,
+    known: KnownStatuses,
+    *,
+    field: bool = True,
+    factorise: Factorise = dense_factors,
 ) -> CondensedModel:
     """Eliminate everything but the contact forces exactly; for constant stiffness only.
 
@@ -82,6 +87,8 @@ def exact_condensation(
         known: statuses of the training points, (S, N_lambda).
         field: compute the displacement with each answer; without it only on request, and
             a query costs less.
+        factorise: factors a dense block of S, which is symmetric; not used if contact alone holds
+            bodies.
 
     Raises:
         SceneError: if the stiffness depends on parameters, the statuses are not those of the scene,
@@ -133,7 +140,7 @@ def exact_condensation(
     if floats and problem.kernel is not None:
         eliminated = problem.kernel.exact(problem, responses)
     else:
-        eliminated = ConstantElimination(responses, problem.amplitudes)
+        eliminated = ConstantElimination(responses, problem.amplitudes, factorise)
     return CondensedModel(
         problem.parameters, eliminated, known, fields, problem.contact_pairs, law=problem.law
     )
@@ -156,7 +163,9 @@ def _known_statuses(full: FullModel) -> KnownStatuses:
 
     problem = full.problem
     nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
-    model = exact_condensation(full, nothing, field=False)
+    model = exact_condensation(full, nothing, field=False, factorise=LapackCholesky)
     points = Sobol(SOLVED_STATUSES).points(problem.parameters)
-    answers = (model.solve(point, start=None, raise_on_failure=False) for point in points)
-    return KnownStatuses.of_answers(answers) or nothing
+    known = KnownStatuses.solved(
+        lambda point, start: model.solve(point, start=start, raise_on_failure=False), points
+    )
+    return known or nothing

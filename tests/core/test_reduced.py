@@ -1,5 +1,7 @@
 """RID, projection and the reduced model against their definitions and against the full order."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from needs import needs
@@ -147,3 +149,22 @@ def test_displacement_converges_with_the_basis(hertz, hertz_snapshots):
         reduction = hhr.build(hertz, hertz_snapshots, hhr.Recipe.thesis(tolerance).as_it_is())
         worst.append(references.errors(reduction).values["primal_energy"].max())
     assert worst[0] > 3 * worst[1] > 9 * worst[2]
+
+
+def test_statuses_are_solved_from_those_of_the_nearest_point_before():
+    """The second point has no answer, so nothing starts from it."""
+    starts = []
+
+    def solve(point, start):
+        starts.append(start)
+        active = np.array([point[0] > 0.4, True])
+        return SimpleNamespace(converged=point[0] != 0.3, parameter=point, active=active)
+
+    points = np.array([[0.5], [0.3], [0.1], [0.45], [0.2]])
+    known = KnownStatuses.solved(solve, points)
+    assert known.points.ravel().tolist() == [0.5, 0.1, 0.45, 0.2]
+    assert known.active[:, 0].tolist() == [True, False, True, False]
+    assert starts[0] is None
+    # nearest solved ones: 0.5, 0.5, 0.5, 0.1
+    assert [start[0] for start in starts[1:]] == [True, True, True, False]
+    assert KnownStatuses.solved(solve, points[1:2]) is None

@@ -108,6 +108,14 @@ class ForeignBlock(KnownArguments):
         Warns:
             SceneWarning: without a case.
         """
+        block, case = self.read
+        if case is not None:
+            compare_case(block, case, self.name)
+        return block
+
+    @cached_property
+    def read(self) -> tuple[Placed, SolvedCase | None]:
+        """K on its nodes, and its solved case, which is not compared yet; see :attr:`placed`."""
         stiffness = self.stiffness
         matrix = (
             checked_matrix(stiffness)
@@ -129,7 +137,5 @@ class ForeignBlock(KnownArguments):
                 f"{matrix.source} are those that you mean. Give a solved case",
                 SceneWarning,
             )
-        else:
-            case = self.case if isinstance(self.case, SolvedCase) else read_case(self.case)
-            compare_case(block, case, self.name)
-        return block
+            return block, None
+        return block, self.case if isinstance(self.case, SolvedCase) else read_case(self.case)

@@ -200,6 +200,33 @@ def compare_case(block: Placed, case: SolvedCase, name: str) -> float:
             dofs that K lacks.
         NotSolvableError: if K is singular with the supports of the case.
     """
+    forces, free, means = supported(block, case, name)
+    stiff = (
+        MEAN_STIFFNESS * abs(block.matrix).max() * (means.T @ means)
+        if means.shape[0]
+        else 0.0 * block.matrix
+    )
+    solution = _solved(csr_matrix(block.matrix + stiff), free, forces, name)
+    return compare_displacements(block, case, name, solution)
+
+
+def supported(
+    block: Placed, case: SolvedCase, name: str
+) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
+    """Forces and supports of a case on the dofs of a block.
+
+    Args:
+        block: K on its nodes.
+        case: forces and supports.
+        name: name of the block, for messages.
+
+    Returns:
+        Forces on all dofs, (3 n,), dofs that are free, (3 n,) bool, and rows of sums of dofs that
+        the case holds, (m, 3 n).
+
+    Raises:
+        SceneError: for forces on dofs that K lacks, or on held dofs alone.
+    """
     forces = _nodal(block, case, name)
     free = block.known.copy()
     dofs, means = _held(block, case)
@@ -209,12 +236,26 @@ def compare_case(block: Placed, case: SolvedCase, name: str) -> float:
             f"block '{name}': the forces of its solved case act on dofs that are held or left out "
             "of K"
         )
-    stiff = (
-        MEAN_STIFFNESS * abs(block.matrix).max() * (means.T @ means)
-        if means.shape[0]
-        else 0.0 * block.matrix
-    )
-    solution = _solved(csr_matrix(block.matrix + stiff), free, forces, name)
+    return forces, free, means
+
+
+def compare_displacements(
+    block: Placed, case: SolvedCase, name: str, solution: np.ndarray
+) -> float:
+    """Largest difference of the displacements of a case from others, over the largest displacement.
+
+    Args:
+        block: K on its nodes.
+        case: displacements of the other code.
+        name: name of the block, for messages.
+        solution: displacements by K of all dofs, (3 n,).
+
+    Returns:
+        The difference, at most the tolerance of the case.
+
+    Raises:
+        SceneError: for a larger one, with the node; for nodes that the block lacks.
+    """
     index = _indices(block.nodes)
     rows = []
     theirs = []

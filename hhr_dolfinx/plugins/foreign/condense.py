@@ -62,6 +62,7 @@ def condense_blocks(
     """
     _check(foreign, contacts)
     parts = Parts(foreign.blocks)
+    parts.compare()
     held = _held(parts, displacements)
     free = np.flatnonzero(parts.known & ~held)
     surfaces: list[list[Any]] = [

@@ -28,6 +28,7 @@ from hhr_dolfinx.loads import Assembler, Load, Term, checked_terms
 from hhr_dolfinx.models.answer_mesh import AnswerMesh
 from hhr_dolfinx.parameters import Place, Tag
 from hhr_dolfinx.plugins.elasticity.parts import with_springs
+from hhr_dolfinx.plugins.foreign.later import ComparedByFactors, same_supports
 from hhr_dolfinx.plugins.foreign.loads import vector_of
 from hhr_dolfinx.plugins.foreign.outputs import UncheckedStiffness
 from hhr_dolfinx.plugins.foreign.parts import Blocks, Parts, node_mass
@@ -94,6 +95,8 @@ class ForeignDiscretisation(Discretisation):
         _check(scene, system)
         with self.group.together(f"the blocks of scene '{scene.name}'"):
             self.parts = Parts(system.blocks)
+            if self.group.size > 1:
+                self.parts.compare()
             count = len(self.parts.points)
         self.order = 1
         self.size = 3 * count
@@ -102,6 +105,7 @@ class ForeignDiscretisation(Discretisation):
         self.rows = slice(3 * nodes.start, 3 * nodes.stop)
         self._own_nodes = nodes
         self.shape = StillMesh()
+        self._compared_later = False
         self.elasticity = OfBlocks(scene, *self.cells_and_order)
         self.mean_dilatation = tuple(False for _ in scene.bodies)
         self._fields = {
@@ -153,10 +157,14 @@ class ForeignDiscretisation(Discretisation):
     ) -> ContactProblem:
         """See :class:`Discretisation`; conditions and loads on dofs that K lacks are refused.
 
+        Solved cases are compared before, unless a full model has asked for :meth:`stated`.
+
         Args:
             stiffness: terms of K, (N, N) each.
             moduli: factor of each term at a point.
         """
+        if not self._compared_later:
+            self.parts.compare()
         problem = super().contact_problem(stiffness, moduli)
         rows = problem.whole_contact
         assert rows is not None
@@ -192,8 +200,18 @@ class ForeignDiscretisation(Discretisation):
     def stated(self, stiffness: tuple[csr_matrix, ...]) -> StatedSystem:
         """The system of the parts as they are: blocks keep their factors if only whole ones
         vary.
+
+        A full model factors K anyway: where the scene holds what the solved cases hold, these are
+        compared by its factors.
         """
-        return self.shape
+        alone = self.group.size == 1 and self.springs is None
+        self._compared_later = alone and same_supports(self.parts, self.free_dofs)
+        if not self._compared_later:
+            return self.shape
+        names = self.scene.parameters.names
+        middle = self.scene.parameters.middle
+        factors = [Modulus(block.formula, "1", names).value(middle) for block in self.parts.blocks]
+        return ComparedByFactors(self.parts, factors)
 
     def free_bodies(self, problem: ContactProblem) -> list[FreeBody]:
         """Connected parts of K with the rigid motions along which it does no work, and that

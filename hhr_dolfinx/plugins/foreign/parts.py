@@ -86,7 +86,16 @@ class Parts:
     @cached_property
     def made(self) -> tuple[Placed, ...]:
         """K and nodes of each block."""
-        return tuple(block.placed for block in self.blocks)
+        return tuple(block.read[0] for block in self.blocks)
+
+    def compare(self) -> None:
+        """Compare each block with its solved case, by factors of its own K.
+
+        Raises:
+            SceneError: for a block whose case differs.
+        """
+        for block in self.blocks:
+            block.placed  # noqa: B018 (compares once)
 
     @cached_property
     def firsts(self) -> np.ndarray:

@@ -115,8 +115,8 @@ def _started(
     nothing = KnownStatuses(parameters.middle[None], np.zeros((1, fields.conditions), dtype=bool))
     model = CondensedModel(parameters, eliminated, nothing, fields, pairs)
     points = parameters.random(STATUS_POINTS, 0)
-    statuses = KnownStatuses.of_answers(
-        model.solve(point, start=None, raise_on_failure=False) for point in points
+    statuses = KnownStatuses.solved(
+        lambda point, start: model.solve(point, start=start, raise_on_failure=False), points
     )
     return CondensedModel(parameters, eliminated, statuses or nothing, fields, pairs)
 
