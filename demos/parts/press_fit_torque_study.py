@@ -157,4 +157,4 @@ def draw(full: Any, model: Any, cases: np.ndarray, curves: np.ndarray, file: Pat
         axis.set(
             xlabel="angle [°]", title=f"turned by {1e3 * demo.UPPER[0] * number / STEPS:.1f} mrad"
         )
-    figure.savefig(file, dpi=130)
+    figure.savefig(file, dpi=200)

@@ -120,4 +120,4 @@ def draw(model: Any, history: hhr.History, values: np.ndarray, file: Path) -> No
     loop.set(xlabel="drawn by [mm]", ylabel="force [N/mm]", title="forces on the punch")
     loop.legend(fontsize=8)
     file.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(file, dpi=130)
+    figure.savefig(file, dpi=200)
