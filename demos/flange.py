@@ -34,7 +34,7 @@ it shows where the joint bears, and whether the mesh is fine enough there.
 
     hhr start flange.msh    # the scene, with a preload of the bolt
     hhr check flange.py     # what is held, loaded and in contact
-    hhr reduce flange.py --of forces --of displacement --of "force 1"    # checked on full solutions
+    hhr reduce flange.py --of forces --of displacement --of "force 1"    # checked
     hhr page model.npz      # for a browser
     hhr embed model.npz --out flange.fmu    # for a control loop
 """

@@ -40,7 +40,7 @@ exclude_patterns = ["README.md", "gallery/*.ipynb"]
 sphinx_gallery_conf = {
     "examples_dirs": "../demos",
     "gallery_dirs": "gallery",
-    "ignore_pattern": rf"{os.sep}(?!({'|'.join(GALLERY)})\.py)[^{os.sep}]*$",
+    "ignore_pattern": rf"^(?!.*\b({'|'.join(GALLERY)})\.py$)",
     "within_subsection_order": "gallery_order.place",
     "plot_gallery": False,  # they take minutes: pages show pictures that `make pictures` has made
     "remove_config_comments": True,

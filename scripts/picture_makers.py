@@ -144,17 +144,19 @@ def _page(name: str, model: Any, full: Any) -> Path:
     return hhr.write_model_page(OUT / f"{name}.html", model, hhr.scenery_of(full))
 
 
+WIDTH = 1100
+"""Of the window of a browser, in pixels of a page."""
 READY = "document.documentElement.dataset.converged === 'true'"
 """A page that has answered."""
 
 
-def _moved(page: Any, slider: int, values: Any) -> None:
-    """Move one slider of a page through values, as a hand does."""
+def _moved(page: Any, parameter: int, values: Any) -> None:
+    """Lead one parameter of a page through values, as a hand does."""
     for value in values:
         page.run(
-            "(() => { const all = document.querySelectorAll('#sliders input[type=range]'); "
-            f"const s = all[{slider}]; s.value = {float(value)}; "
-            "s.dispatchEvent(new Event('input')); "
+            "(() => { const all = document.querySelectorAll('#sliders input[type=number]'); "
+            f"const s = all[{parameter}]; s.value = {float(f'{value:.6g}')!r}; "
+            "s.dispatchEvent(new Event('change')); "
             "return new Promise(done => setTimeout(done, 60)); })()"
         )
 
@@ -167,6 +169,13 @@ def _chosen(page: Any, name: str, words: str) -> None:
         "s.dispatchEvent(new Event('input')); })()"
     )
     page.wait_for(READY)
+
+
+def _shown(page: Any, path: Path) -> Path:
+    """Write a page down to the end of its last picture, without what it says of itself below."""
+    page.wait_for(READY)
+    script = "document.querySelector('#shape').getBoundingClientRect().bottom + scrollY + 12"
+    return page.picture(path, height=page.run(script))
 
 
 def of_pellet_page() -> Path:
@@ -182,9 +191,8 @@ def of_pellet_page() -> Path:
     scene = dataclasses.replace(_with_units(demo.scene()), outputs=outputs)
     full = hhr.FullOrderModel(scene)
     file = _page("pellet_page", hhr.condense(full), full)
-    with Page(file, 900, 1380, "P1=150&h1=4") as page:
-        page.wait_for(READY)
-        return page.picture(OUT / "page.png")
+    with Page(file, WIDTH, 1400, "P1=150&h1=4") as page:
+        return _shown(page, OUT / "page.png")
 
 
 def of_friction_page() -> Path:
@@ -194,15 +202,14 @@ def of_friction_page() -> Path:
 
     full = hhr.FullOrderModel(dataclasses.replace(demo.scene(), outputs=()))
     file = _page("friction_page", hhr.condense(full), full)
-    with Page(file, 900, 1400, "push=0&shear=0&friction=0.5") as page:
+    with Page(file, WIDTH, 1400, "push=0&shear=0&friction=0.5") as page:
         page.wait_for(READY)
         _chosen(page, "over", "shear")
-        _chosen(page, "drawn", "sum of tangential")
+        _chosen(page, "drawn", "along x")
         _moved(page, 0, np.linspace(0.0, 0.008, 9)[1:])
         turns = [np.linspace(0.0, 0.01, 13), np.linspace(0.01, -0.01, 25)]
         _moved(page, 1, np.concatenate([*turns, np.linspace(-0.01, 0.01, 25)]))
-        page.wait_for(READY)
-        return page.picture(OUT / "page_friction.png")
+        return _shown(page, OUT / "page_friction.png")
 
 
 def of_flow_page() -> Path:
@@ -216,13 +223,13 @@ def of_flow_page() -> Path:
     paths = [demo.path(*values) for values in hhr.Sobol(12).points(box)]
     training = hhr.train(scene, paths)
     file = _page("flow_page", training.condense(), training.full_order)
-    with Page(file, 900, 1400, "depth=0&sy=150&H=5000") as page:
+    with Page(file, WIDTH, 1400, "depth=0&sy=150&H=5000") as page:
         page.wait_for(READY)
         _chosen(page, "over", "depth")
         _chosen(page, "drawn", "force")
         _moved(page, 0, [*np.linspace(0.0, 0.028, 15)[1:], *np.linspace(0.028, 0.019, 7)[1:]])
         _chosen(page, "component", "plastic strain")
-        return page.picture(OUT / "page_flow.png")
+        return _shown(page, OUT / "page_flow.png")
 
 
 def of_stress_page() -> Path:
@@ -233,7 +240,7 @@ def of_stress_page() -> Path:
     scene = demo.scene(sphere_cells=(14, 7), block_cells=(12, 6))
     full = hhr.FullOrderModel(_with_units(scene))
     file = _page("stress_page", hhr.condense(full), full)
-    with Page(file, 1200, 1400, "push=0.2&squeeze=60") as page:
+    with Page(file, WIDTH, 1400, "push=0.2&squeeze=60") as page:
         page.wait_for(READY)
         _chosen(page, "component", "von Mises")
         return page.picture(OUT / "page_stress.png", part="#shape")

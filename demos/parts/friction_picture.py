@@ -61,7 +61,7 @@ def draw_friction(
     states = [answer.slip for answer in history.answers if "slip" in answer.memory]
     statuses = np.array([state.statuses for state in states])[:, order]
     forces = tangential_forces(friction, history, np.array(direction))
-    figure = Figure(figsize=(16, 4.6), layout="constrained")
+    figure = Figure(figsize=(12.5, 4.4), layout="constrained")
     map_, profile, loop = figure.subplots(1, 3)
     colours = ListedColormap(COLOURS)
     map_.pcolormesh(
