@@ -49,6 +49,7 @@ sphinx_gallery_conf = {
     # a notebook has no file of its own, beside which scripts look for their meshes
     "first_notebook_cell": "# this notebook runs in the folder demos/ of a checkout\n"
     '__file__ = "notebook"',
+    "notebook_images": True,  # inside of the notebook, which is alone where it is put
     "download_all_examples": False,
     "thumbnail_size": (400, 280),
 }

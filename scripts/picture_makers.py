@@ -252,5 +252,6 @@ def of_report() -> Path:
 
     # the report is of the small size, which its first line states
     of_run("demos/press_fit.py", "report.html", "--quick")
-    with Page(OUT / "press_fit" / "report.html", 900, 1440) as page:
-        return page.picture(OUT / "report.png", height=1440)
+    with Page(OUT / "press_fit" / "report.html", WIDTH, 1400) as page:
+        script = "document.querySelector('.charts figure').getBoundingClientRect().bottom + 12"
+        return page.picture(OUT / "report.png", height=page.run(script))
