@@ -227,20 +227,29 @@ def read_table() -> dict[str, dict]:
     return json.loads(TABLE.read_text()) if TABLE.exists() else {}
 
 
-def write_row(file: str) -> None:
-    """Keep command and digests of a picture that has just been made."""
+def write_row(file: str, digests: dict[str, str]) -> None:
+    """Keep command and digests of a picture that has just been made.
+
+    Args:
+        file: of the picture, below ``docs/``.
+        digests: of its sources, by file, as they were when this program began.
+    """
     picture = PICTURES[file]
     table = read_table()
     table[file] = {
         "command": picture.command,
-        "sources": {source: digest(source) for source in picture.sources},
+        "sources": digests,
         "picture": digest_of_file(DOCS / file),
     }
     TABLE.write_text(json.dumps(dict(sorted(table.items())), indent=1) + "\n")
 
 
-def make(file: str) -> None:
+def make(file: str, digests: dict[str, str]) -> None:
     """Make one picture, and keep its row.
+
+    Args:
+        file: of the picture, below ``docs/``.
+        digests: of its sources, by file.
 
     Raises:
         MissingProgramError: of ``picture_makers.py``, without a browser for a page.
@@ -253,7 +262,7 @@ def make(file: str) -> None:
     made = maker()
     (DOCS / file).parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(made, DOCS / file)
-    write_row(file)
+    write_row(file, digests)
 
 
 def listed() -> str:
@@ -285,12 +294,14 @@ def main() -> int:
     if options.stale:
         reasons = stale(read_table())
         files = [file for file in files if file in reasons]
+    # before anything is imported: what is edited in the meantime makes no picture
+    digests = {file: {name: digest(name) for name in PICTURES[file].sources} for file in files}
     failed = []
     for file in files:
         began = time.perf_counter()
         print(f"docs/{file}: {PICTURES[file].command}", flush=True)
         try:
-            make(file)
+            make(file, digests[file])
         except Exception as error:  # the others are made all the same
             failed.append(file)
             print(f"    not made: {error}", flush=True)

@@ -47,7 +47,9 @@ WIDE_ANGLE = 200.0
 """Angle in degrees from which pressures of a round surface are drawn over the angle."""
 NARROW_SHARE = 0.2
 """Part of the surfaces below which the axis of pressures shows the pressed part alone."""
-BODY_HEIGHT, BAR_WIDTH, CURVE_WIDTH = 3.9, 1.5, 4.9
+BODY_HEIGHT = 3.9
+BAR_WIDTH = 1.5
+CURVE_WIDTH = 4.9
 """Height of bodies, width of their bar of colours with its labels, and width of curves, in
 inches.
 """
