@@ -96,24 +96,26 @@ def of_reduced_pellet() -> Path:
     from matplotlib.figure import Figure
 
     from hhr_dolfinx.materials.elasticity import von_mises
+    from hhr_dolfinx.plugins.studies.report import reduced_sizes
 
-    training = hhr.train(demo.scene(), demo.GRID)
+    training = hhr.train(demo.scene(), demo.GRID, folder=OUT / "pellet" / "snapshots")
     model = training.build()
     full = training.full_order
     point = demo.VIEW().points[-1]
     stresses = [von_mises(one.solve(point).stress()) for one in (full, model)]
     mesh = full.answer_mesh()
     kept = np.isin(np.arange(len(mesh.cells)), model.offline.sets.cells)
-    modes, contacts = model.offline.V.shape[1], len(model.offline.sets.active)
-    print(f"    {full.sizes}, {modes} modes, {contacts} contacts", flush=True)
+    reduced = reduced_sizes(model)
+    sizes = (
+        f"full order: {full.sizes[0]} unknowns",
+        f"reduced: {reduced['ell_bar']} modes, {reduced['N_lambda_C']} contacts",
+    )
     figure = Figure(figsize=(11, 5.6), layout="constrained")
     panels = figure.subplots(1, 3)
     _cells(panels[0], mesh, kept.astype(float), cmap="Reds", vmin=0.0, vmax=1.3)
     panels[0].set_title(f"integrates on {kept.sum()} of {kept.size} cells", fontsize="medium")
     largest = float(np.max(stresses))
-    for axes, values, name in zip(
-        panels[1:], stresses, ("full order", "reduced model"), strict=True
-    ):
+    for axes, values, name in zip(panels[1:], stresses, sizes, strict=True):
         drawn = _cells(axes, mesh, values, cmap="viridis", vmin=0.0, vmax=largest)
         axes.set_title(name, fontsize="medium")
     figure.colorbar(drawn, ax=panels[1:], label="von Mises stress [MPa]", aspect=35)

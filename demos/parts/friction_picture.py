@@ -97,6 +97,7 @@ def draw_friction(
         )
     loop.plot(driven[1], forces.sum(axis=1), ".-", color="#444444")
     loop.set(xlabel=driven[0], ylabel=labels[2], title="loop")
+    loop.locator_params(axis="x", nbins=5)  # long numbers would run into each other
     for axis, columns in ((map_, 3), (profile, 2)):
         axis.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=columns)
     path.parent.mkdir(parents=True, exist_ok=True)
