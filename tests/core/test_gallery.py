@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from needs import needs
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -57,6 +58,7 @@ def test_the_gallery_has_ten_demos_in_an_order():
     assert place("calibrate.py") == 10
 
 
+@needs("pages", "plots", "studies")
 @pytest.mark.parametrize("file", pictures.PICTURES)
 def test_no_picture_is_stale(file):
     assert file not in STALE, STALE[file]
