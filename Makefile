@@ -7,7 +7,7 @@ export PYTHONUNBUFFERED = 1
 # set-up leaves compiling to the first import, which must be kept: else each of hundreds of processes compiles again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo flange hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator time-errors greedy indent scene held foreign foreign-codes benchmarks decks patch laws extreme recipes compose figures lint test test-core quick slow slice docs setup mutants doctor without same paths
+.PHONY: demo flange hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator time-errors greedy indent scene held foreign foreign-codes benchmarks decks patch laws extreme recipes compose figures pictures lint test test-core quick slow slice docs setup mutants doctor without same paths
 
 demo: setup
 	.venv/bin/python demos/bolted_joint.py
@@ -127,6 +127,10 @@ compose: setup
 figures: setup
 	.venv/bin/python benchmarks/figures.py
 
+# the pictures of docs/ from demos and pages, some by ONLY="flange page"; pages where Chromium is. A test names the stale ones
+pictures: setup
+	.venv/bin/python scripts/pictures.py $(ONLY)
+
 # style, formatting and types: what continuous integration asks first
 lint: setup
 	.venv/bin/python -m ruff check .
@@ -183,8 +187,8 @@ setup:
 doctor: setup
 	@.venv/bin/python -m hhr_dolfinx.plugins.scene_checks.doctor
 
-# the site in out/site: tutorial, demos, reference; its examples are run, and a warning is an error
+# the site in out/site: tutorial, gallery, reference; its examples are run, and a warning is an error
 docs: setup
-	.venv/bin/python -c "import furo, myst_nb, sphinx_copybutton" 2>/dev/null || .venv/bin/python -m pip install --quiet --disable-pip-version-check --editable ".[docs]"
+	.venv/bin/python -c "import furo, myst_nb, sphinx_copybutton, sphinx_gallery" 2>/dev/null || .venv/bin/python -m pip install --quiet --disable-pip-version-check --editable ".[docs]"
 	.venv/bin/python -m sphinx --quiet --keep-going -W --builder html docs out/site
 	@echo "the site: out/site/index.html"

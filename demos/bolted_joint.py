@@ -1,22 +1,34 @@
-"""Bolted joint from a STEP file: a reduced model with a known error, a page with sliders, a unit
-for a control loop.
+"""Bolted joint: a model with a known error, a page and a unit
+===========================================================
 
-An M10 bolt of steel clamps a flange of aluminium on a base of steel. Its solids are read from a
-STEP file and cut along their axis, and gmsh meshes the section with triangles of second order
+An M10 bolt of steel clamps a flange of aluminium on a base of steel. The solids are read from a
+STEP file and cut along their axis, and gmsh meshes the section by triangles of second order
 (axisymmetric). Parameters: turn of the nut as a shortening of the bolt, lift of the flange at its
 rim, temperature rise, and Young's modulus of the flange.
 
-    ∫ σ(u) : ε(v) r + λ·B v = l(v),    B u <= g,  λ >= 0,  λ·(B u - g) = 0    under the head and
-    between the plates S(μ) = Σ_c S_c / E_c:  all contact conditions are kept, and Young's moduli of
-    whole bodies are exact factors
+.. image:: /pictures/bolted_joint.png
+   :alt: Section of the bolted joint with its stress, and pressures of both contacts
 
-What to see: `hhr.reduce` builds a model, compares it with fresh full solutions, and prints how it
-knows its error. The page draws the joint while sliders move; the unit (FMI 3.0) answers in any
-simulation tool. For a joint of your own change the STEP file, the names of its solids, and where
-its surfaces lie.
+``hhr.reduce`` builds the model, compares it with forty full solutions that it has not seen, and
+prints how it knows its error: contact forces are right to round-off, since the modulus of a whole
+body is an exact factor of its stiffness. A lift of 0.02 mm opens four fifths of the joint, while
+the clamp force falls by a few per cent only.
+
+You learn the shortest way from a STEP file to something that others can use. The page draws the
+joint while sliders move, and the unit (FMI 3.0) answers in any simulation tool. For a joint of
+your own change the STEP file, the names of its solids, and the boxes in which its surfaces lie.
+
+.. code-block:: text
+
+    ∫ σ(u) : ε(v) r + λ·B v = l(v),    B u <= g,  λ >= 0,  λ·(B u - g) = 0
+    under the head and between the plates;    S(μ) = Σ_c S_c / E_c,  all contact conditions are kept
+
+.. code-block:: sh
 
     python demos/bolted_joint.py [--out DIR] [--quick] [--seed N]
 """
+
+# sphinx_gallery_thumbnail_path = "pictures/bolted_joint.png"
 
 from pathlib import Path
 

@@ -1,22 +1,36 @@
-"""Fretting: a cylinder on a block is pressed down and rubbed to and fro.
+"""Fretting: what sticks, what slips, what wears
+=============================================
 
-What sticks, what slips, what wears.
+A cylinder on a block is pressed down and rubbed to and fro, with Coulomb's friction. Both are of
+one material, in plane strain, and contact is node to node. Parameters are the approach, the shear
+and the coefficient of friction. An increment depends on the path before it, since slip is memory.
 
-Equal materials in plane strain, node to node, with Coulomb's friction. Parameters are the approach,
-the shear, and the coefficient. The contact is condensed exactly, so that a path of increments costs
-no finite elements: slip is memory, and what an increment finds depends on the path before.
+.. image:: /pictures/fretting.png
+   :alt: What sticks and slips, tractions on closed forms, and the loop of a cycle
 
-    λ >= 0,  |τ| <= f λ,  τ opposed to what slips in an increment,    slack = s(μ) + S (λ, τ),  S =
-    B K^-1 B^T Cattaneo, Mindlin: sticks within c = a (1 - Q / f P)^(1/2),    q = f p0 [(1 -
-    x²/a²)^(1/2) - c/a (1 - x²/c²)^(1/2)] back by Mindlin, Deresiewicz: what slips back takes twice
-    f off,  c' = a (1 - (Q* - Q) / 2 f P)^(1/2)
+Tractions lie on the closed forms, on the way in and on the way back. The loop of tangential force
+over shear closes after the first cycle, and its area is the work that friction dissipates. Wear is
+largest where slip begins; where it sticks there is none.
 
-What to see: tractions lie on the closed form, on the way in and on the way back; the loop closes
-after the first cycle, its area is what friction dissipates; wear is largest where slip begins, and
-where it sticks there is none.
+You learn that friction needs no training: the contact is condensed exactly, and a path of
+increments costs no finite elements. ``model.march`` takes the path, answers have slips and
+statuses, and outputs such as wear and dissipated work are read off at any of its steps.
+
+.. code-block:: text
+
+    λ >= 0,  |τ| <= f λ,  τ opposed to what slips in an increment
+    slack = s(μ) + S (λ, τ),    S = B K^-1 B^T
+    Cattaneo, Mindlin:          sticks within c = a (1 - Q / f P)^(1/2)
+                                q = f p0 [(1 - x²/a²)^(1/2) - c/a (1 - x²/c²)^(1/2)]
+    back, Mindlin, Deresiewicz: what slips back takes twice f off
+                                c' = a (1 - (Q* - Q) / 2 f P)^(1/2)
+
+.. code-block:: sh
 
     python demos/fretting.py [--out DIR] [--quick] [--seed N]
 """
+
+# sphinx_gallery_thumbnail_path = "pictures/fretting.png"
 
 from collections.abc import Callable
 from typing import Any

@@ -1,20 +1,34 @@
-"""A fuel rod at power: a hot pellet grows into its cladding, over eight parameters.
+"""Fuel rod at power, over eight parameters
+========================================
 
-Linear power q heats the pellet by a parabola over its radius, above the temperature of its surface.
-It takes the shape of an hourglass and touches the cladding with its end first; the coolant presses
-on the cladding from outside. Young's modulus and Poisson's ratio of both vary, and power, pressure,
-the gap as built, and the expansion of the pellet. Axisymmetric; half a pellet, whose middle is a
-plane of symmetry. The rod as a whole is free to grow in length: the cladding swells across it only.
+A hot pellet grows into its cladding. Linear power q heats it by a parabola over its radius, above
+the temperature of its surface; the coolant presses on the cladding from outside. Young's modulus
+and Poisson's ratio of both bodies vary, and power, pressure, the gap as built, and the expansion
+of the pellet. Axisymmetric; half a pellet, whose middle is a plane of symmetry.
 
-    ∫ C(E, ν) (ε(u) - ε_0) : ε(v) r = l(v),    ε_0 = α q (1 - r²/R²) t_0 I    heat by a parabola
-    over the radius
+.. image:: /pictures/fuel_rod.png
+   :alt: Section of pellet and cladding with their stress, and the contact pressure
 
-What to see: stiffness and thermal forces, products of moduli and temperatures, change with every
-query. Interpolated condensation solves each body at six points for contact forces right to five
-digits.
+The pellet takes the shape of an hourglass and touches the cladding with its end first, where the
+pressure is several times that of the middle. Interpolated condensation solves each body at six
+points of its Poisson's ratio, and gives contact forces right to five digits at all others.
+
+You learn how far parameters reach: stiffness and thermal forces, which are products of moduli and
+temperatures, change with every query, and the small model still keeps all contact conditions.
+Loads are formulas of parameters, such as ``320 + 3 * q``, and fields of the place, such as the
+parabola.
+
+.. code-block:: text
+
+    ∫ C(E, ν) (ε(u) - ε_0) : ε(v) r = l(v),    ε_0 = α q (1 - r²/R²) t_0 I
+    heat by a parabola over the radius; the rod as a whole is free to grow in length
+
+.. code-block:: sh
 
     python demos/fuel_rod.py [--out DIR] [--quick] [--seed N]
 """
+
+# sphinx_gallery_thumbnail_path = "pictures/fuel_rod.png"
 
 import math
 from typing import Any

@@ -1,20 +1,33 @@
-"""Bodies that nothing but contact holds: an O-ring in its groove under a lid, and a punch on a
-block.
+"""Bodies that nothing but contact holds
+=====================================
 
-The rigid motions of such bodies are unknowns beside the contact forces. A lid is pressed by a force
-on an O-ring, which lies in a rigid groove and moves outwards as far as the wall; a punch is pressed
-and tilted by forces alone.
+A lid is pressed by a force on an O-ring of rubber, which lies in a rigid groove and moves outwards
+as far as the wall. In a second scene a punch is pressed and tilted on a block by forces alone. No
+displacement is imposed on ring, lid and punch, so that their stiffness is singular.
 
-    K is singular: K R = 0 for rigid motions R. With u = u_0 + R q, balance is  R^T (f - B^T λ) = 0,
-    and find λ >= 0 and q:    S λ + s - B R q >= 0,    (B R)^T λ = R^T f,    S = B K_0^-1 B^T of the
-    pinned bodies
+.. image:: /pictures/held_by_contact.png
+   :alt: Section of the O-ring under its lid with its stress, and pressures on lid, groove and wall
 
-What to see: forces balance to round-off, in full and in reduced models, though no displacement is
-imposed on these bodies; reduced forces are right to a fraction of a per cent at points that were
-not trained on.
+Forces balance to round-off, in full and in reduced models. Reduced forces are right to a fraction
+of a per cent at points that were not trained on. The rigid motions of such bodies are found with
+the contact forces: where the ring comes to lie is part of the answer.
+
+You learn that such a scene needs no weak springs and no further supports: leave ``displacements``
+empty, and the rigid motions become unknowns beside the contact forces. If the loads leave a motion
+undetermined, the message names it.
+
+.. code-block:: text
+
+    K R = 0 for rigid motions R;    u = u_0 + R q,    R^T (f - B^T λ) = 0
+    find λ >= 0 and q:    S λ + s - B R q >= 0,    (B R)^T λ = R^T f
+    S = B K_0^-1 B^T of the pinned bodies
+
+.. code-block:: sh
 
     python demos/held_by_contact.py [--out DIR] [--quick] [--seed N]
 """
+
+# sphinx_gallery_thumbnail_path = "pictures/held_by_contact.png"
 
 from typing import Any
 

@@ -1,16 +1,33 @@
-"""Round punch pressed on a block and drawn over it, by many times the width of its contact.
+"""Sliding punch: contact that travels
+===================================
 
-Parameters are how deep the punch is pushed and how far it is drawn. Rows of contact are made anew
-in every increment, on the compliance between all dofs of both surfaces, which is made once.
+A round punch is pressed on a block and drawn over it, by many times the width of its contact.
+Parameters are how deep the punch is pushed and how far it is drawn. Surfaces that are paired once
+would lose each other, so that rows of contact are made anew in every increment.
 
-    S = R C R^T,    R = R(u)      rows R where the punch has come to; C of 290 dofs
-    P, a, p0                      Hertz, line contact: peak and width go along with the punch
+.. image:: /pictures/sliding_punch.png
+   :alt: Pressures where the punch has come to, and the pressing and the drawing force over the way
 
-What to see: the same pressure goes along with the punch, the tangential force grows until all of it
-slips, and stays; towards the end of the block the compliance grows, and the forces fall.
+The same pressure goes along with the punch. The tangential force grows until all of the contact
+slips, and stays; towards the end of the block the compliance grows, and the forces fall. Forces of
+the condensed model and of the full order agree to round-off, and a mesh that is made at the place
+of the punch gives the same force to 0.3 %.
+
+You learn what ``hhr.slide`` is for: the compliance between all dofs of both surfaces is made once,
+and pairing is renewed on it. Use it when contact moves by more than a cell. It buys no speed on a
+mesh as small as this one, where most of an increment is the search for what touches.
+
+.. code-block:: text
+
+    S = R C R^T,    R = R(u)    rows R where the punch has come to; C of 290 dofs
+    P, a, p0                   Hertz, line contact: peak and width go along with the punch
+
+.. code-block:: sh
 
     python demos/sliding_punch.py [--out DIR] [--quick] [--seed N]
 """
+
+# sphinx_gallery_thumbnail_path = "pictures/sliding_punch.png"
 
 from typing import Any
 

@@ -1,25 +1,39 @@
-"""A scene of your own, from a mesh file to a certified model: a clamped leaf spring between a
-roller and a stop.
+"""A scene of your own, from a mesh file
+=====================================
 
-The roller is moved down by `travel`, and bends the spring onto the stop, which lies `lowered` below
-its drawn place. Bodies and surfaces have the names that they have in the mesh. Copy this file, name
-your own mesh, bodies and pairs:
+A clamped leaf spring lies between a roller and a stop. The roller is moved down by ``travel``, and
+bends the spring onto the stop, which lies ``lowered`` below its drawn place. Bodies and surfaces
+have the names that they have in the mesh file. Copy this script, name your own mesh, bodies and
+pairs, and you have a scene.
 
-    hhr check demos/your_scene.py     # what is in the mesh, what faces what, with a picture;
-    nothing is solved hhr study demos/your_scene.py     # train, validate, save, report, in
-    out/leaf_spring hhr answer out/leaf_spring/study.npz questions.csv --out answers.csv
+.. image:: /pictures/your_scene.png
+   :alt: The bent leaf spring with its stress, and the pressure on both contacts
 
-    find u and λ >= 0:  K u + B^T λ = f(μ),    B u <= g(μ),    λ·(B u - g) = 0    with μ = (travel,
-    lowered)
-
-What to see: contact comes in two steps, first at the roller and then at the stop. The model answers
-in tens of microseconds, and each answer has its error, up to round-off. That is the error of the
+Contact comes in two steps, first at the roller and then at the stop. The model answers in tens of
+microseconds, and each answer has its error, which is round-off here. That is the error of the
 reduction, without that of the mesh: linear triangles are too stiff in a thin spring, and the force
-on the roller is 8 % above that of displacements of second order. `hhr study` measures what the mesh
-does, and says what to do.
+on the roller is 8 % above that of displacements of second order.
+
+You learn the three commands that most scenes need. ``hhr check`` solves nothing and shows what is
+in the mesh and what faces what; ``hhr study`` trains, compares with the best full order and says
+which model to use; ``hhr answer`` fills a table. The study also measures what the mesh does, and
+says what to do about it.
+
+.. code-block:: text
+
+    find u and λ >= 0:   K u + B^T λ = f(μ),    B u <= g(μ),    λ·(B u - g) = 0
+    with μ = (travel, lowered)
+
+.. code-block:: sh
 
     python demos/your_scene.py [--out DIR] [--quick] [--seed N]
+
+    hhr check demos/your_scene.py    # what is in the mesh, what faces what, with a picture
+    hhr study demos/your_scene.py    # train, validate, save, report, in out/leaf_spring
+    hhr answer out/leaf_spring/study.npz questions.csv --out answers.csv
 """
+
+# sphinx_gallery_thumbnail_path = "pictures/your_scene.png"
 
 from pathlib import Path
 

@@ -1,4 +1,5 @@
-"""The site: pages of this folder, one for each demo, and the reference from docstrings.
+"""The site: pages of this folder, a gallery of ten demos, a page for each other one, and the
+reference from docstrings.
 
 `make docs` builds it.
 """
@@ -10,13 +11,16 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT / name) for name in ("demos", "benchmarks", "benchmarks/thesis")]
+FOLDERS = "docs", "demos", "benchmarks", "benchmarks/thesis"
+sys.path[:0] = [str(ROOT / name) for name in FOLDERS]
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # small problems get no faster by more
 
 try:
     import dolfinx_solver  # noqa: F401  the wheel wants to be first
 except ImportError:
     pass
+from gallery_order import GALLERY  # noqa: E402
+
 import hhr_dolfinx  # noqa: E402
 
 project = "hhr_dolfinx"
@@ -28,8 +32,27 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
     "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["README.md"]
+# myst_nb would read the notebooks of the gallery as pages
+exclude_patterns = ["README.md", "gallery/*.ipynb"]
+
+sphinx_gallery_conf = {
+    "examples_dirs": "../demos",
+    "gallery_dirs": "gallery",
+    "ignore_pattern": rf"^(?!.*\b({'|'.join(GALLERY)})\.py$)",
+    "within_subsection_order": "gallery_order.place",
+    "plot_gallery": False,  # they take minutes: pages show pictures that `make pictures` has made
+    "remove_config_comments": True,
+    "show_memory": False,
+    "write_computation_times": False,
+    # a notebook has no file of its own, beside which scripts look for their meshes
+    "first_notebook_cell": "# this notebook runs in the folder demos/ of a checkout\n"
+    '__file__ = "notebook"',
+    "notebook_images": True,  # inside of the notebook, which is alone where it is put
+    "download_all_examples": False,
+    "thumbnail_size": (400, 280),
+}
 
 html_theme = "furo"
 html_title = f"hhr_dolfinx {release}"
@@ -54,8 +77,8 @@ suppress_warnings = ["ref.python", "misc.highlighting_failure"]
 
 
 def write_demo_pages(folder: Path) -> None:
-    """One page for each demo: what it says of itself, its pictures, the tests that hold it to
-    figures, its source.
+    """One page for each demo that is not in the gallery: what it says of itself, its pictures, the
+    tests that hold it to figures, its source.
     """
     folder.mkdir(exist_ok=True)
     tests = {
@@ -68,7 +91,8 @@ def write_demo_pages(folder: Path) -> None:
         for path in sorted((ROOT / "benchmarks/thesis").glob("*.py"))
         if "def main" in path.read_text()
     ]
-    for path in (*sorted((ROOT / "demos").glob("*.py")), *thesis):
+    others = [path for path in (ROOT / "demos").glob("*.py") if path.stem not in GALLERY]
+    for path in (*sorted(others), *thesis):
         title, _, rest = ast.get_docstring(ast.parse(path.read_text())).partition("\n")
         held = [
             name
@@ -94,10 +118,17 @@ def write_demo_pages(folder: Path) -> None:
         names.append(path.stem)
     toctree = ["```{toctree}", ":maxdepth: 1", "", *names, "```", ""]
     said = (
-        "Each is a file of `demos/`, or of `benchmarks/thesis/` for the cases of the thesis, with "
-        "its equations; `make` runs most of them by name ([studies](../studies.md))."
+        "Ten demos are in the [gallery](../gallery/index.rst). Each of the others is a file of "
+        "`demos/`, or of `benchmarks/thesis/` for the cases of the thesis, with its equations; "
+        "`make` runs most of them by name ([studies](../studies.md))."
     )
-    write_if_new(folder / "index.md", "\n".join(["# Demos", "", said, "", *toctree]))
+    for page in folder.glob("*.md"):  # of an earlier build
+        if page.stem not in (*names, "index"):
+            page.unlink()
+    write_if_new(
+        folder / "index.md",
+        "\n".join(["# Other demos, and cases of the thesis", "", said, "", *toctree]),
+    )
 
 
 def myst(text: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 import os
+import sys
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -92,7 +93,8 @@ def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
     The folder ``out`` is created here: one that cannot be written to ends the program before
     anything is computed.
     """
-    options = parser.parse_args()
+    # the words of a notebook's process are those of its kernel
+    options = parser.parse_args([] if "ipykernel" in sys.modules else None)
     options.first_rank = MPI.COMM_WORLD.rank == 0
     fault = MPI.COMM_WORLD.bcast(_why_not_writable(options.out) if options.first_rank else None)
     if fault and options.first_rank:

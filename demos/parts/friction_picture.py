@@ -61,7 +61,7 @@ def draw_friction(
     states = [answer.slip for answer in history.answers if "slip" in answer.memory]
     statuses = np.array([state.statuses for state in states])[:, order]
     forces = tangential_forces(friction, history, np.array(direction))
-    figure = Figure(figsize=(16, 4.6), layout="constrained")
+    figure = Figure(figsize=(12.5, 4.4), layout="constrained")
     map_, profile, loop = figure.subplots(1, 3)
     colours = ListedColormap(COLOURS)
     map_.pcolormesh(
@@ -97,7 +97,8 @@ def draw_friction(
         )
     loop.plot(driven[1], forces.sum(axis=1), ".-", color="#444444")
     loop.set(xlabel=driven[0], ylabel=labels[2], title="loop")
-    for axis in (map_, profile):
-        axis.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=4)
+    loop.locator_params(axis="x", nbins=5)  # long numbers would run into each other
+    for axis, columns in ((map_, 3), (profile, 2)):
+        axis.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=columns)
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=130)
+    figure.savefig(path, dpi=200)

@@ -124,7 +124,7 @@ def draw(full: Any, model: Any, cases: np.ndarray, curves: np.ndarray, file: Pat
     """Torque over the turn, slip on the unrolled surface of one design, torque at slip beside
     Lame's.
     """
-    figure = Figure(figsize=(16, 8), layout="constrained")
+    figure = Figure(figsize=(13, 7), layout="constrained")
     top, bottom = figure.subfigures(2, 1, height_ratios=(1.2, 1))
     turning, scatter = top.subplots(1, 2)
     turns = np.linspace(0.0, demo.UPPER[0], STEPS + 1) * 1e3
@@ -151,10 +151,12 @@ def draw(full: Any, model: Any, cases: np.ndarray, curves: np.ndarray, file: Pat
     for axis, number in zip(bottom.subplots(1, len(SHOWN), sharey=True), SHOWN, strict=True):
         slipped = answers[number].slip.path - answers[0].slip.path
         shades = axis.scatter(angle, height, c=slipped * 1e3, s=14, cmap="magma_r", vmin=0.0)
-        bottom.colorbar(shades, ax=axis, label="slip since it turns [um]")
+        bottom.colorbar(shades, ax=axis, label="slip since it turns [µm]")
+        if number == SHOWN[0]:
+            axis.set_ylabel("z [mm]")  # the others share it
         stuck = answers[number].slip.statuses == 1
         axis.scatter(angle[stuck], height[stuck], s=3, c="k")
         axis.set(
             xlabel="angle [°]", title=f"turned by {1e3 * demo.UPPER[0] * number / STEPS:.1f} mrad"
         )
-    figure.savefig(file, dpi=130)
+    figure.savefig(file, dpi=200)

@@ -96,7 +96,7 @@ def widths(model: Any, history: hhr.History) -> list[float]:
 
 def draw(model: Any, history: hhr.History, values: np.ndarray, file: Path) -> None:
     """Pressures where the punch has come to, and forces over the way."""
-    figure = Figure(figsize=(14, 4.6), layout="constrained")
+    figure = Figure(figsize=(10.5, 4.4), layout="constrained")
     profile, loop = figure.subplots(1, 2)
     x = model.slave_points()[:, 0]
     for answer in history.answers[::10]:
@@ -120,4 +120,4 @@ def draw(model: Any, history: hhr.History, values: np.ndarray, file: Path) -> No
     loop.set(xlabel="drawn by [mm]", ylabel="force [N/mm]", title="forces on the punch")
     loop.legend(fontsize=8)
     file.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(file, dpi=130)
+    figure.savefig(file, dpi=200)

@@ -226,6 +226,7 @@ TARGETS = {
     "setup": ".ci/run",
     "slice": ".ci/run",
     "docs": "tests/core/test_site.py::test_the_site_is_built_without_a_warning",
+    "pictures": "tests/core/test_gallery.py::test_no_picture_is_stale",
     "quick": "tests/core/test_house.py::test_files_of_make_quick_are_there",
     "test-core": "tests/core/test_without.py::test_the_core_passes_without_plug_ins",
     "slow": "tests/slow_report.json",

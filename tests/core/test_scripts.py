@@ -217,7 +217,7 @@ def check_flange(reports, folder):
     )
     assert "modelDescription.xml" in zipfile.ZipFile(folder / "flange.fmu").namelist()
     assert (folder / "flange.html").stat().st_size > 1e5 and (
-        folder / "diagram.png"
+        folder / "flange.png"
     ).stat().st_size > 5000
 
 

@@ -18,6 +18,10 @@ from hhr_dolfinx import errors
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
+sys.path.append(str(DOCS))
+
+from gallery_order import GALLERY  # noqa: E402
+
 PAGES = sorted([*DOCS.glob("*.md"), *DOCS.glob("reference/*.md")])
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 
@@ -58,7 +62,8 @@ def test_links_lead_somewhere(page):
     lost = []
     for target in LINK.findall(page.read_text()):
         place, _, anchor = target.partition("#")
-        if "://" in target or place.startswith("demos/") or page.parent.name == "demos":
+        made = place.startswith(("demos/", "gallery/"))
+        if "://" in target or made or page.parent.name == "demos":
             continue  # elsewhere, or a page that the site makes of a demo
         file = (page.parent / place) if place else page
         if not file.exists() or (anchor and anchor not in anchors(file)):
@@ -72,6 +77,7 @@ def test_the_site_is_built_without_a_warning(tmp_path):
     """As `make docs` does: demos on the site are run, and what the reference lists is imported."""
     pytest.importorskip("myst_nb")
     pytest.importorskip("furo")
+    pytest.importorskip("sphinx_gallery")
     command = [
         sys.executable,
         "-m",
@@ -87,6 +93,11 @@ def test_the_site_is_built_without_a_warning(tmp_path):
     built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert built.returncode == 0, built.stderr[-3000:]
     assert (tmp_path / "index.html").exists() and len([*tmp_path.glob("reference/*.html")]) > 5
+    index = (tmp_path / "gallery/index.html").read_text()
+    for name in GALLERY:
+        page = (tmp_path / f"gallery/{name}.html").read_text()
+        assert f'src="../_images/sphx_glr_{name}_thumb.png"' in index
+        assert "../_images/" in page and f"/{name}.ipynb" in page and f"/{name}.py" in page
 
 
 def rows_of_fidelity():

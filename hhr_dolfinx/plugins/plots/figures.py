@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,10 +15,10 @@ from hhr_dolfinx.plugins.plots.facets import outer_facets
 from hhr_dolfinx.plugins.plots.picture import (
     BAR,
     COLOURS,
-    LETTERS,
     Picture,
     colour_limits,
     in_unit,
+    wrapped,
 )
 
 with extra("pictures", "pictures of scenes and answers"):
@@ -48,6 +47,12 @@ WIDE_ANGLE = 200.0
 """Angle in degrees from which pressures of a round surface are drawn over the angle."""
 NARROW_SHARE = 0.2
 """Part of the surfaces below which the axis of pressures shows the pressed part alone."""
+BODY_HEIGHT = 3.9
+BAR_WIDTH = 1.5
+CURVE_WIDTH = 4.9
+"""Height of bodies, width of their bar of colours with its labels, and width of curves, in
+inches.
+"""
 FLAT_RATIO = 2.2
 """Width over height of bodies from which pressures are drawn below them."""
 
@@ -95,11 +100,15 @@ def _figure_of_answer(picture: Picture) -> Figure:
         return figure_in_space(picture, title)
     width, height = np.ptp(picture.deformed.points, axis=0)
     flat = width > FLAT_RATIO * height
-    size = (8, 4.6 + 7 * height / width) if flat else (11, 4.8)
+    # a column as wide as its bodies are drawn, with their bar
+    column = float(np.clip(BODY_HEIGHT * width / height + BAR_WIDTH, 3.6, 6.1))
+    size = (8, 4.6 + 7 * height / width) if flat else (column + CURVE_WIDTH, 4.8)
     figure = Figure(figsize=size, layout="constrained")
-    figure.suptitle(fill(title, int(LETTERS * size[0])))
+    figure.suptitle(wrapped(title, size[0]))
     shape = (2, 1) if flat else (1, 2)
-    bodies, surface = figure.subplots(*shape, width_ratios=None if flat else (1.25, 1))
+    bodies, surface = figure.subplots(
+        *shape, width_ratios=None if flat else (column / CURVE_WIDTH, 1)
+    )
     _draw_bodies(figure, bodies, picture, "bottom" if flat else "right")
     _draw_pressures(surface, picture)
     return figure
@@ -169,7 +178,9 @@ def _draw_pressures(axes: Axes, picture: Picture) -> None:
         ylim=(1.08 * lowest, 1.08 * highest or 1.0),
     )
     axes.grid(alpha=0.25)
-    if labels:
+    if len(axes.lines) == 1:
+        axes.set_title(str(axes.lines[0].get_label()), fontsize="medium")
+    elif labels:
         axes.legend(fontsize="small")
     _zoom(axes, np.concatenate(span), np.concatenate(pressed))
 

@@ -5,7 +5,6 @@ PyVista renders each view off screen; matplotlib joins them with titles and bars
 
 from __future__ import annotations
 
-from textwrap import fill
 from typing import NamedTuple
 
 import numpy as np
@@ -17,10 +16,10 @@ from hhr_dolfinx.plugins.plots.grids import at_slaves, contact_surface, surface_
 from hhr_dolfinx.plugins.plots.picture import (
     BAR,
     COLOURS,
-    LETTERS,
     Picture,
     colour_limits,
     in_unit,
+    wrapped,
 )
 
 with extra("pictures", "pictures of answers in space"):
@@ -32,6 +31,8 @@ with extra("pictures", "pictures of answers in space"):
 
 WINDOW = 1400, 1150
 """Pixels of a view."""
+FAR_BELOW = 0.95
+"""End of the colours over the largest value, below which the label states that value."""
 SHARP = 35.0
 """Angle in degrees between facets from which their edge is drawn."""
 BODY_OPACITY = 0.08
@@ -80,7 +81,7 @@ def figure_in_space(picture: Picture, title: str) -> Figure:
     width = min(VIEW_WIDTH, VIEW_HEIGHT / tall)
     size = max(width, LEAST_COLUMN_WIDTH) * len(views), width * tall + 1.6
     figure = Figure(figsize=size, layout="constrained")
-    figure.suptitle(fill(title, int(LETTERS * size[0])))
+    figure.suptitle(wrapped(title, size[0]))
     for axes, view in zip(figure.subplots(1, len(views)), views, strict=True):
         axes.imshow(view.image, interpolation="antialiased")
         axes.set_axis_off()
@@ -146,7 +147,9 @@ def _bodies(picture: Picture, way: np.ndarray) -> View:
         surface.point_data["colour"] = picture.values[body][surface.point_data["node"]]
         surfaces.append(surface)
     all_values = np.concatenate([surface.point_data["colour"] for surface in surfaces])
-    low, high, extend = colour_limits(all_values)
+    low, high, extend = colour_limits(_seen(surfaces, way))
+    if high < FAR_BELOW * all_values.max():
+        extend = "max"
     plotter = _plotter()
     for surface in surfaces:
         look: dict[str, str | tuple[float, float]] = {
@@ -161,6 +164,24 @@ def _bodies(picture: Picture, way: np.ndarray) -> View:
     )
     title = picture.scale_words or "bodies"
     return View(_rendered(plotter, way), title, COLOURS, high, label, extend)
+
+
+def _seen(surfaces: list[pyvista.PolyData], way: np.ndarray) -> np.ndarray:
+    """Values of surfaces in the pixels of a view, (pixels,): what is hidden takes no colours."""
+    largest = max(float(np.nanmax(surface.point_data["colour"])) for surface in surfaces) or 1.0
+    plotter = pyvista.Plotter(off_screen=True, window_size=WINDOW)
+    plotter.set_background("red")
+    for surface in surfaces:
+        look: dict[str, str | tuple[float, float]] = {"cmap": "gray", "clim": (0.0, largest)}
+        plotter.add_mesh(
+            surface.copy(), scalars="colour", lighting=False, show_scalar_bar=False, **look
+        )
+    plotter.enable_parallel_projection()
+    plotter.view_vector(way, viewup=(0.0, 0.0, 1.0))
+    image = np.asarray(plotter.screenshot(None, return_img=True)).astype(int)
+    plotter.close()
+    grey = (image[..., 0] == image[..., 1]) & (image[..., 1] == image[..., 2])
+    return largest * image[grey][:, 0] / 255 if grey.any() else np.array([largest])
 
 
 def _pressures(picture: Picture, way: np.ndarray) -> View:

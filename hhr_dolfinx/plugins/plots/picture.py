@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from textwrap import fill
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 LETTERS = 9
 """Letters of a title per inch."""
+FIRM_SPACE = "\N{NO-BREAK SPACE}"
 BAR = 35
 """Length over width of bars of colours."""
 COLOURS = "viridis"
@@ -56,6 +58,21 @@ def in_unit(unit: str) -> str:
     ' [MPa]'
     """
     return f" [{unit}]" if unit else ""
+
+
+def wrapped(title: str, width: float) -> str:
+    """A title in lines of a figure, broken between parameters only.
+
+    Args:
+        title: name of the scene and parameters, separated by commas.
+        width: of the figure in inches.
+
+    >>> print(wrapped("lid at push = 1 mm, pull = 2 mm", 2.5))
+    lid at push = 1 mm,
+    pull = 2 mm
+    """
+    firm = ", ".join(part.replace(" ", FIRM_SPACE) for part in title.split(", "))
+    return fill(firm, int(LETTERS * width)).replace(FIRM_SPACE, " ")
 
 
 def contact_names(meshed: Meshed) -> list[str]:

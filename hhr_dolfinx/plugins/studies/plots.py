@@ -41,6 +41,8 @@ with extra("pictures", "pictures and fields for ParaView"):
 
 Curves = Mapping[str, tuple["ArrayLike", "ArrayLike"]]
 """Positions and values of curves by name."""
+RESOLUTION = 200
+"""Dots per inch of curves."""
 COLOUR_PERCENTILE = 99.0
 """Percentiles of the values that bound the colours: else an infinite stress at a corner would take
 them all.
@@ -369,7 +371,7 @@ def plot_curves(
     _draw_lines(axes, lines, ".-")
     axes.set(xlabel=labels[0], ylabel=labels[1], yscale="log" if logarithmic else "linear")
     axes.legend()
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=RESOLUTION)
 
 
 def plot_panels(panels: Sequence[Panel], path: Path) -> None:
@@ -393,7 +395,7 @@ def plot_panels(panels: Sequence[Panel], path: Path) -> None:
     figure.legend(
         *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8
     )
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=RESOLUTION)
 
 
 def _draw_lines(axes: Axes, lines: Curves, style: str) -> None:
