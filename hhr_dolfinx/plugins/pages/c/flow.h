@@ -4,7 +4,7 @@
    increment of friction, see friction.h. */
 #define MODEL_SIZE (MODEL_COMPONENTS * MODEL_POINTS)
 #define MODEL_NEWTON 60
-#define MODEL_CORRECTED 1e-11
+#define MODEL_CORRECTED 1e-13
 #define MODEL_QUICK 0.1
 #define MODEL_LEAST (1.0 / 256)
 #define MODEL_DECREASE 1e-4
