@@ -1,4 +1,4 @@
-"""Chromium without a window, as tests ask it: pages as they were written, moved by their sliders."""
+"""Chromium without a window: pages as they were written, moved by their sliders."""
 
 import json
 import os

@@ -154,5 +154,5 @@ def test_kinds_without_a_page_are_refused_in_words(kind, tmp_path):
 @needs("sliding")
 def test_a_mesh_to_draw_is_that_of_a_full_model():
     """Of bodies that slide there is none: their pages are refused too."""
-    with pytest.raises(NotOfferedError, match="is of a full model, .* a SlidingModel"):
+    with pytest.raises(NotOfferedError, match=r"is of a full model, .* a SlidingModel"):
         hhr.scenery_of(case_of("sliding").full)
