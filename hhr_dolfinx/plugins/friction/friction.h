@@ -287,7 +287,7 @@ static inline int model_turns(const model_slider *p) {
 }
 
 /* Forces, and motions, that are kept, or put back. */
-static inline void model_keep(model_slider *p, int back) {
+static inline void model_set_aside(model_slider *p, int back) {
     double *lists[] = {p->forces, p->kept};
     memcpy(lists[!back], lists[back], MODEL_CONDITIONS * sizeof(double));
 #if MODEL_FLOATS
@@ -313,10 +313,10 @@ static inline int model_nearest(model_slider *p, double probe, double noise, dou
     const int m = MODEL_CONDITIONS;
     const unsigned char *acting = p->at, *slips = p->at + 2 * m;
     if (given || model_turns(p)) {
-        model_keep(p, 0);
+        model_set_aside(p, 0);
         const int n = model_on_statuses(p);
         const double left = n < 0 || !model_answered(p, n) ? 1 : model_residual(p, probe, noise);
-        if (left >= 0 || left < off) model_keep(p, 1), model_residual(p, probe, noise);
+        if (left >= 0 || left < off) model_set_aside(p, 1), model_residual(p, probe, noise);
     }
     for (int i = 0; i < m; i++) {
         if (!acting[i]) p->forces[i] = 0;
