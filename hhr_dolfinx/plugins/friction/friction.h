@@ -31,6 +31,7 @@ typedef struct {
     model_column *columns;
     double *block, *schur, *slack, *stiffness, *y, *start, *forces, *left, *known, *x;
     double *ways; /* slip directions along rows */
+    double *kept; /* forces, and motions, that are near enough */
     double *coefficient, *limit, *shrunk, probe;
 #if MODEL_FLOATS
     double *held, *bare, *motions; /* S and slack of bodies on springs, or without */
@@ -51,7 +52,7 @@ static inline model_slider *model_slider_new(model_work *room) {
     model_slider *p = calloc(1, sizeof *p);
     if (!p) return NULL;
     const model_row rows[] = {{&p->schur, m * m}, {&p->slack, n}, {&p->stiffness, n}, {&p->y, n}, {&p->start, n}, {&p->forces, n},
-                              {&p->left, n}, {&p->known, n}, {&p->x, n}, {&p->ways, n}, {&p->coefficient, MODEL_CONTACTS},
+                              {&p->left, n}, {&p->known, n}, {&p->x, n}, {&p->ways, n}, {&p->kept, n}, {&p->coefficient, MODEL_CONTACTS},
                               {&p->limit, MODEL_CONTACTS}, {&p->shrunk, MODEL_CONTACTS},
 #if MODEL_FLOATS
                               {&p->held, m * m}, {&p->bare, m}, {&p->motions, MODEL_MOTIONS},
@@ -277,27 +278,62 @@ static inline int model_rests(model_slider *p) {
 }
 #endif
 
+/* 1 if some contact slips in a direction that may turn: Newton's method ends there near a solution, not on it. */
+static inline int model_turns(const model_slider *p) {
+    const unsigned char *slips = p->at + 2 * (size_t)MODEL_CONDITIONS;
+    for (int contact = 0; contact < MODEL_CONTACTS; contact++)
+        if (model_along[contact + 1] - model_along[contact] == 2 && slips[model_tangential[model_along[contact]]]) return 1;
+    return 0;
+}
+
+/* Forces, and motions, that are kept, or put back. */
+static inline void model_set_aside(model_slider *p, int back) {
+    double *lists[] = {p->forces, p->kept};
+    memcpy(lists[!back], lists[back], MODEL_CONDITIONS * sizeof(double));
+#if MODEL_FLOATS
+    lists[0] = p->motions, lists[1] = p->kept + MODEL_CONDITIONS;
+    memcpy(lists[!back], lists[back], MODEL_MOTIONS * sizeof(double));
+#endif
+}
+
+/* Residual of forces and motions, with their statuses; negative if they solve the increment to the tolerance. */
+static inline double model_residual(model_slider *p, double probe, double noise) {
+    model_leave_moved(p, p->forces, p->left);
+    const double worst = model_projected(p, probe);
+    int done = worst <= MODEL_TOLERANCE * model_most(p->forces) + MODEL_ROUND_OFF * noise;
+#if MODEL_FLOATS
+    done = done && model_rests(p);
+#endif
+    return done ? -worst - 1e-300 : worst;
+}
+
+/* A further step from forces that are near enough, if it comes nearer: where directions turn, and from those that were given,
+   which solve nothing yet. Then the rows without slack and forces. */
+static inline int model_nearest(model_slider *p, double probe, double noise, double off, int given) {
+    const int m = MODEL_CONDITIONS;
+    const unsigned char *acting = p->at, *slips = p->at + 2 * m;
+    if (given || model_turns(p)) {
+        model_set_aside(p, 0);
+        const int n = model_on_statuses(p);
+        const double left = n < 0 || !model_answered(p, n) ? 1 : model_residual(p, probe, noise);
+        if (left >= 0 || left < off) model_set_aside(p, 1), model_residual(p, probe, noise);
+    }
+    for (int i = 0; i < m; i++) {
+        if (!acting[i]) p->forces[i] = 0;
+        if (acting[i] && !slips[i]) p->left[i] = 0;
+    }
+    return 1;
+}
+
 /* Newton's method from initial forces; stores forces and slacks if it converges, else returns 0. */
 static inline int model_iterated(model_slider *p, const double *start, double probe) {
     const int m = MODEL_CONDITIONS;
-    const unsigned char *acting = p->at, *slips = p->at + 2 * m;
     double noise = 0, least = INFINITY;
     memcpy(p->forces, start, m * sizeof(double));
     for (int i = 0; i < m; i++) noise = fmax(noise, fabs(p->stiffness[i] * p->slack[i]));
     for (int iteration = 0; iteration <= MODEL_RUBBED; iteration++) {
-        model_leave_moved(p, p->forces, p->left);
-        const double worst = model_projected(p, probe);
-        int done = worst <= MODEL_TOLERANCE * model_most(p->forces) + MODEL_ROUND_OFF * noise;
-#if MODEL_FLOATS
-        done = done && model_rests(p);
-#endif
-        if (done) {
-            for (int i = 0; i < m; i++) {
-                if (!acting[i]) p->forces[i] = 0;
-                if (acting[i] && !slips[i]) p->left[i] = 0;
-            }
-            return 1;
-        }
+        const double found = model_residual(p, probe, noise), worst = fabs(found);
+        if (found < 0) return model_nearest(p, probe, noise, found, !iteration);
         for (int k = 0; k < iteration; k++)
             if (!memcmp(p->seen + 3 * (size_t)m * k, p->at, 3 * (size_t)m) && !(worst < 0.5 * least)) return 0;
         memcpy(p->seen + 3 * (size_t)m * iteration, p->at, 3 * (size_t)m);

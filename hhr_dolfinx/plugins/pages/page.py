@@ -41,6 +41,8 @@ SCRIPTS = 150_000
 _SCRIPTS = "model bound steps flow path drawing plots field view".split()
 PAGE_FILES = ("page.css", *(f"{name}.js" for name in _SCRIPTS))
 """Files that replace their names in ``page.html``."""
+_UNREAD = re.compile(r"^[ \t]*/\*.*?\*/\s*\n|^[ \t]+", re.DOTALL | re.MULTILINE)
+"""Comments on lines of their own and indentation: 8 kB of the scripts, which no page needs."""
 PAGE_ERROR_POINTS = 100
 """Random points at which the error shown on a page is estimated."""
 
@@ -173,7 +175,10 @@ def page_text(model: Any, scenery: Scenery) -> str:
     ).replace("<", "\\u003c")
     needed = {"flow.js": flows(model), "steps.js": tree["path"] is not None}
     needed |= {"bound.js": tree["bound"] is not None}
-    marked = {f"/*{file}*/": _file(file) if needed.get(file, True) else "" for file in PAGE_FILES}
+    marked = {
+        f"/*{file}*/": _UNREAD.sub("", _file(file)) if needed.get(file, True) else ""
+        for file in PAGE_FILES
+    }
     marked |= {"/*DATA*/": data, "TITLE": escape(scenery.words["scene"].replace("_", " "))}
     # in one pass: a name of the user may look like a marker
     return re.sub(

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.geometries.cells import CORNERS, TENSOR_ORDER, outer_faces_of_cells
 from hhr_dolfinx.materials.elasticity import von_mises
@@ -49,7 +50,18 @@ def scenery_of(full: FullOrderModel) -> Scenery:
 
     In the plane all cells, in space faces of cells that no other cell shares; for cells of second
     order the corners.
+
+    Args:
+        full: full-order model.
+
+    Raises:
+        NotOfferedError: for a model of another kind, which has no mesh to draw.
     """
+    if not isinstance(full, FullOrderModel):
+        raise NotOfferedError(
+            f"the drawn mesh is of a full model, hhr.FullOrderModel(scene), and this is a "
+            f"{type(full).__name__}"
+        )
     discretisation = full.discretisation
     problem = full.problem
     triangles, outer, owners = _drawn(full)

@@ -116,7 +116,7 @@
     const table = at("numbers"), head = element("tr");
     const derived = tree.outputs.length > 0 && !marching;
     head.append(element("th", ""), element("th", "value"));
-    if (derived) tree.names.forEach((name) => head.append(element("th", `by ${name}`)));
+    if (derived) labels.forEach((name) => head.append(element("th", `by ${name}`)));
     table.replaceChildren(head);
     if (!answer.converged) {
       table.append(element("tr", "There is no answer at these parameters.", { className: "bad" }));

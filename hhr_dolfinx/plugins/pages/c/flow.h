@@ -5,6 +5,7 @@
 #define MODEL_SIZE (MODEL_COMPONENTS * MODEL_POINTS)
 #define MODEL_NEWTON 60
 #define MODEL_CORRECTED 1e-11
+#define MODEL_NEAREST 1e-13 /* where further steps end, if round-off lets them get there */
 #define MODEL_QUICK 0.1
 #define MODEL_LEAST (1.0 / 256)
 #define MODEL_DECREASE 1e-4
@@ -468,6 +469,16 @@ static inline int model_nearer(model_path *p, const model_state *before) {
     return 0;
 }
 
+/* Steps beyond convergence, while they help: to the accuracy of Python's answers with small tolerances. */
+static inline void model_refine(model_path *p, const model_state *before, double most) {
+    while (!(p->here->merit <= MODEL_NEAREST * most)) {
+        if (p->tangent && model_stepped(p, before, 1, MODEL_QUICK * p->here->merit)) continue;
+        p->tangent = model_linearised(p, before, p->here);
+        if (p->tangent) model_stepped(p, before, 1, p->here->merit);
+        return;
+    }
+}
+
 /* 1 if strains are small enough for the theory of small strains. */
 static inline int model_small(model_path *p) {
     const int n = MODEL_POINTS, alone = (int)fmax(floor(MODEL_ALONE * n), 1);
@@ -497,6 +508,7 @@ static inline int model_increment(model_path *p, const model_state *before, cons
     int iteration = 0;
     while (!(p->here->merit <= MODEL_CORRECTED * fmax(model_norm(p->here->correction, MODEL_MODES), largest)))
         if (++iteration == MODEL_NEWTON || !model_nearer(p, before)) return 0;
+    model_refine(p, before, fmax(model_norm(p->here->correction, MODEL_MODES), largest));
     if (!model_small(p)) return 0;
     largest = fmax(largest, model_norm(p->here->correction, MODEL_MODES));
     memcpy(after->point, point, MODEL_PARAMETERS * sizeof(double));
