@@ -9,7 +9,7 @@ import compose
 import compose_toys
 import numpy as np
 import pytest
-from browser import CHROMIUM, Browser
+from chromium import CHROMIUM, Browser
 from compose_verbs import Case
 from needs import needs, present
 from test_kernel import ZIG
