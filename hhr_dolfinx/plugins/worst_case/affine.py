@@ -2,17 +2,17 @@
 
 With parameters t in the unit cube, forces and slacks solve
 
-    s = f(t) + S λ,  λ >= 0,  s >= 0,  λ^T s = 0,  f(t) = f_0 + G t,
+    s = f(t) + S λ - R α,  λ >= 0,  s >= 0,  λ^T s = 0,  R^T λ = d(t),  f(t) = f_0 + G t,
 
-and each candidate for the value of an output is affine in t and λ. A largest pressure is the
-largest of several candidates.
+where α are the motions of bodies that contact alone holds, if there are any. Each candidate for the
+value of an output is affine in t, λ and α. A largest pressure is the largest of several candidates.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 
@@ -21,11 +21,18 @@ from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 from hhr_dolfinx.models.functionals.kinds import Largest, Linear
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.amplitudes import Amplitudes
+    from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.models.condensed import CondensedModel
+    from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Responses
     from hhr_dolfinx.models.functionals.functional import Functional
     from hhr_dolfinx.models.model import AnsweringModel
     from hhr_dolfinx.parameters import ParameterSpace
 
+HELD = 1e-6
+"""Least singular value of the motions of closed conditions over the largest, above which these hold
+all bodies: bounds by an elimination of the motions lose as many digits.
+"""
 ASYMMETRY = 1e-9
 """Largest difference of S and S^T over the largest entry of S, round-off of the elimination: the
 proof needs the energy of a symmetric S.
@@ -34,32 +41,30 @@ proof needs the energy of a symmetric S.
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Affine functions of parameters and forces; the output is the largest of them.
+    """Affine functions of parameters, forces and motions; the output is the largest of them.
 
     Attributes:
         constant: values without parameters and forces, (K,).
         slopes: along the parameters of the unit cube, (K, P).
-        weights: of the forces, (K, m).
-        labels: what each is, for the report, (K,).
+        weights: of forces and motions, (K, m + r).
     """
 
     constant: np.ndarray
     slopes: np.ndarray
     weights: np.ndarray
-    labels: tuple[str, ...]
 
-    def values(self, t: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    def values(self, t: np.ndarray, solution: np.ndarray) -> np.ndarray:
         """Values at a point, (K,).
 
         Args:
             t: parameters in the unit cube, (P,).
-            forces: contact forces there, (m,).
+            solution: contact forces and motions there, (m + r,).
         """
-        return self.constant + self.slopes @ t + self.weights @ forces
+        return self.constant + self.slopes @ t + self.weights @ solution
 
     def negative(self) -> Candidates:
         """The same with the other sign."""
-        return Candidates(-self.constant, -self.slopes, -self.weights, self.labels)
+        return Candidates(-self.constant, -self.slopes, -self.weights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,17 +76,43 @@ class AffineContact:
         free: f_0, (m,).
         slopes: G, (m, P).
         space: the box of the parameters, which the unit cube stands for.
+        motions: R, each column with the largest entry 1, (m, r).
+        driving: d_0 and its slopes, (r, 1 + P).
     """
 
     schur: np.ndarray
     free: np.ndarray
     slopes: np.ndarray
     space: ParameterSpace
+    motions: np.ndarray
+    driving: np.ndarray
 
     @cached_property
     def width(self) -> np.ndarray:
         """Lengths of the box, (P,)."""
         return np.asarray(self.space.upper, dtype=float) - np.asarray(self.space.lower)
+
+    @cached_property
+    def whole(self) -> np.ndarray:
+        """[[S, -R], [R^T, 0]] of forces and motions, (m + r, m + r)."""
+        count = self.motions.shape[1]
+        rest = np.zeros((count, count))
+        return np.block([[self.schur, -self.motions], [self.motions.T, rest]])
+
+    @cached_property
+    def terms(self) -> np.ndarray:
+        """[f_0, G] and -[d_0, D] by its rows, (m + r, 1 + P)."""
+        return np.vstack([np.column_stack([self.free, self.slopes]), -self.driving])
+
+    def held_by(self, closed: np.ndarray) -> bool:
+        """Whether conditions that are closed hold all bodies.
+
+        Args:
+            closed: their numbers, (c,).
+        """
+        values = np.linalg.svd(self.motions[closed], compute_uv=False)
+        count = self.motions.shape[1]
+        return len(values) == count and bool((values > HELD * values.max(initial=0.0)).all())
 
     def point(self, t: np.ndarray) -> np.ndarray:
         """Parameters in the box at a point of the unit cube, (P,)."""
@@ -92,7 +123,17 @@ class AffineContact:
         return self.free + self.slopes @ t
 
 
-def elimination_of(model: AnsweringModel) -> ConstantElimination:
+class Eliminated(Protocol):
+    """Elimination of one stiffness."""
+
+    responses: Responses
+    amplitudes: Amplitudes
+
+    def __call__(self, point: np.ndarray) -> CondensedContact:
+        """The contact problem at a point, (P,)."""
+
+
+def elimination_of(model: AnsweringModel) -> Eliminated:
     """The elimination of a model that a proof can be made for.
 
     Raises:
@@ -101,23 +142,32 @@ def elimination_of(model: AnsweringModel) -> ConstantElimination:
     reason = _refused(model)
     if reason:
         raise NotOfferedError(f"the worst case is proven for {reason}")
-    return cast("ConstantElimination", cast("CondensedModel", model).eliminated)
+    return cast("Eliminated", cast("CondensedModel", model).eliminated)
+
+
+def _motions_of(eliminated: Eliminated) -> tuple[np.ndarray, np.ndarray] | None:
+    """R, (m, r), and loads along the motions, (r, 1 + T), none of held bodies; None of others."""
+    count = eliminated.responses.free_slack.shape[1]
+    if isinstance(eliminated, ConstantElimination):
+        return np.zeros((len(eliminated.responses.schur), 0)), np.zeros((0, count))
+    motions = getattr(eliminated, "taken", None)
+    driving = getattr(eliminated, "driving", None)
+    return None if motions is None or driving is None else (motions, driving)
 
 
 def _refused(model: AnsweringModel) -> str:
     """What a proof needs and the model lacks; empty if it has all."""
-    eliminated = getattr(model, "eliminated", None)
+    eliminated: Any = getattr(model, "eliminated", None)
     law = model.law
     if law.remembers:
         return (
             "answers that depend on the parameters alone; friction and other laws with memory "
             "depend on the path"
         )
-    if not isinstance(eliminated, ConstantElimination):
+    if not hasattr(eliminated, "responses") or _motions_of(eliminated) is None:
         return (
-            "condensed models of one stiffness, whose bodies are held by supports: "
-            "hhr.condense(scene); "
-            f"this is a {type(model).__name__}"
+            f"condensed models of one stiffness, hhr.condense(scene), and not for this "
+            f"{type(model).__name__}"
         )
     if law.plugin:
         return "pairs without a law of their own"
@@ -144,8 +194,15 @@ def contact_of(model: AnsweringModel) -> AffineContact:
     lower = np.asarray(space.lower, dtype=float)
     width = np.asarray(space.upper) - lower
     terms = eliminated.responses.free_slack
-    free = terms @ (theta.constant + theta.slopes @ lower)
-    return AffineContact(0.5 * (schur + schur.T), free, (terms @ theta.slopes) * width, space)
+    start = theta.constant + theta.slopes @ lower
+    along = theta.slopes * width
+    found = _motions_of(eliminated)
+    assert found is not None
+    motions, driving = found
+    units = np.abs(motions).max(axis=0, initial=0.0)
+    driven = np.column_stack([driving @ start, driving @ along]) / units[:, None]
+    symmetric = 0.5 * (schur + schur.T)
+    return AffineContact(symmetric, terms @ start, terms @ along, space, motions / units, driven)
 
 
 def candidates_of(model: AnsweringModel, name: str, contact: AffineContact) -> Candidates:
@@ -170,11 +227,10 @@ def candidates_of(model: AnsweringModel, name: str, contact: AffineContact) -> C
     number = names.index(name)
     item = items[number]
     if isinstance(item, Largest):
-        weights = np.zeros((len(item.conditions), len(contact.free)))
+        weights = np.zeros((len(item.conditions), sum(contact.motions.shape)))
         weights[np.arange(len(item.conditions)), item.conditions] = 1 / item.areas
         nothing = np.zeros(len(weights))
-        labels = tuple(f"pressure of condition {k}" for k in item.conditions)
-        return Candidates(nothing, np.outer(nothing, contact.width), weights, labels)
+        return Candidates(nothing, np.outer(nothing, contact.width), weights)
     if not isinstance(item, Linear):
         raise NotOfferedError(
             f"output '{name}' is no largest of affine functions of forces and displacements, so "
@@ -191,18 +247,48 @@ def _linear(
     eliminated = elimination_of(model)
     m = len(contact.free)
 
-    def value(t: np.ndarray, forces: np.ndarray) -> float:
+    def value(t: np.ndarray, solution: np.ndarray) -> float:
         point = contact.point(t)
         theta = eliminated.amplitudes.dense(point)
-        unknown = eliminated(point).unknown(forces)
+        forces = solution[:m]
+        unknown = _unknown(eliminated(point), contact, solution)
         answer = model.solve(point, outside="ignore")._replace(unknown=unknown, multipliers=forces)
         measured = model.fields.measured(answer, theta)[rows]
         own = forces[item.conditions] @ item.weights if item.conditions.size else 0.0
         return float(measured @ item.along + theta[item.terms] @ item.coefficients + own)
 
     rest = np.zeros(len(contact.width))
-    nothing = np.zeros(m)
+    nothing = np.zeros(sum(contact.motions.shape))
     constant = value(rest, nothing)
     slopes = np.array([value(t, nothing) - constant for t in np.eye(rest.size)])
-    weights = np.array([value(rest, forces) - constant for forces in np.eye(m)])
-    return Candidates(np.array([constant]), slopes[None], weights[None], (item.name,))
+    weights = np.array([value(rest, one) - constant for one in np.eye(nothing.size)])
+    return Candidates(np.array([constant]), slopes[None], weights[None])
+
+
+def _unknown(there: CondensedContact, contact: AffineContact, solution: np.ndarray) -> np.ndarray:
+    """The primal unknown of forces and motions, (n,)."""
+    m, count = contact.motions.shape
+    unknown = there.unknown(solution[:m])
+    if not count:
+        return unknown
+    assert there.kernel is not None
+    units = np.abs(there.kernel.equalities.contact_of_motions).max(axis=0)
+    return unknown + there.kernel.modes @ (solution[m:] / units)
+
+
+def solution_of(answer: Answer, eliminated: Eliminated, contact: AffineContact) -> np.ndarray:
+    """Forces and motions of an answer, (m + r,).
+
+    Args:
+        answer: the answer.
+        eliminated: elimination of its model.
+        contact: the contact problem.
+    """
+    if not contact.motions.shape[1]:
+        return answer.multipliers
+    there = eliminated(answer.parameter)
+    assert there.kernel is not None
+    rest = answer.unknown - there.unknown(answer.multipliers)
+    motions = np.linalg.lstsq(there.kernel.modes, rest, rcond=None)[0]
+    units = np.abs(there.kernel.equalities.contact_of_motions).max(axis=0)
+    return np.concatenate([answer.multipliers, motions * units])

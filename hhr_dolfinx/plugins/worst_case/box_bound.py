@@ -8,7 +8,8 @@ are no farther from λ̂ than
 
 which vanishes where statuses do not change. M is S without the conditions that are surely closed or
 surely open all over the box: what happens at the edge of a contact is felt at its middle no more
-than it acts there.
+than it acts there. Motions of bodies that contact alone holds are eliminated as soon as sure
+conditions hold them; before, they are unbounded, and the distance of the forces is the same.
 """
 
 from __future__ import annotations
@@ -109,7 +110,7 @@ class BoxBound:
 
 
 def bounded(
-    contact: AffineContact, outputs: Candidates, chosen: np.ndarray, box: Box, forces: np.ndarray
+    contact: AffineContact, outputs: Candidates, chosen: np.ndarray, box: Box, solutions: np.ndarray
 ) -> BoxBound:
     """Bounds of some candidates over a box.
 
@@ -118,18 +119,18 @@ def bounded(
         outputs: the candidates.
         chosen: numbers of those asked for, (k,).
         box: the box.
-        forces: solutions at its corners, (m, 2^d).
+        solutions: forces and motions at its corners, (m + r, 2^d).
 
     Returns:
         Bounds of the chosen candidates, in their order.
     """
-    reduced = Remaining.of(contact, box, forces)
+    reduced = Remaining.of(contact, box, solutions)
     for _ in range(PASSES):
         closed, opened = reduced.sure
         if not (closed.any() or opened.any()):
             break
         box = box.settled(reduced.unsure[closed], reduced.unsure[opened])
-        reduced = Remaining.of(contact, box, forces)
+        reduced = Remaining.of(contact, box, solutions)
     return reduced.bound(outputs, chosen)
 
 
@@ -139,43 +140,63 @@ class Remaining:
 
     Attributes:
         box: the box.
-        sure_closed: numbers of the closed conditions, (c,).
+        eliminated: numbers of the closed conditions and of the motions m + k, (c,); none of them
+            as long as they do not hold all bodies.
         unsure: numbers of the conditions that may change, (u,).
-        onto: -S_CC^-1 [f_0, G, S_CU], forces of the closed ones, (c, 1 + P + u).
+        onto: forces and motions of the eliminated ones by [1, t, λ_U], (c, 1 + P + u).
         schur: M, (u, u).
         free: slack of the unsure ones without their forces, [q_0, Q], (u, 1 + P).
         forces: λ_v of the unsure ones, (u, 2^d).
+        lifted: part of the slack by motions that are not eliminated, (u, 2^d).
+        loose: whether there are such motions.
     """
 
     box: Box
-    sure_closed: np.ndarray
+    eliminated: np.ndarray
     unsure: np.ndarray
     onto: np.ndarray
     schur: np.ndarray
     free: np.ndarray
     forces: np.ndarray
+    lifted: np.ndarray
+    loose: bool
 
     @classmethod
-    def of(cls, contact: AffineContact, box: Box, forces: np.ndarray) -> Remaining:
+    def of(cls, contact: AffineContact, box: Box, solutions: np.ndarray) -> Remaining:
         """Eliminate what is sure in a box.
 
         Args:
             contact: the contact problem.
             box: the box.
-            forces: solutions at its corners, (m, 2^d).
+            solutions: forces and motions at its corners, (m + r, 2^d).
         """
+        m, count = contact.motions.shape
         sure = np.flatnonzero(box.closed)
-        unsure = np.flatnonzero(~(box.closed | box.open))
-        terms = np.column_stack([contact.free, contact.slopes])
-        within = contact.schur[np.ix_(sure, unsure)]
-        onto = np.column_stack([terms[sure], within])
-        if sure.size:
-            onto = -cho_solve(cho_factor(contact.schur[np.ix_(sure, sure)]), onto)
-        columns = terms.shape[1]
-        schur = contact.schur[np.ix_(unsure, unsure)] + within.T @ onto[:, columns:]
-        free = terms[unsure] + within.T @ onto[:, :columns]
-        known = np.maximum(forces[unsure], 0.0)
-        return cls(box, sure, unsure, onto, 0.5 * (schur + schur.T), free, known)
+        loose = count > 0 and not contact.held_by(sure)
+        unsure = np.flatnonzero(~box.open if loose else ~(box.closed | box.open))
+        gone = np.zeros(0, dtype=int) if loose else np.concatenate([sure, m + np.arange(count)])
+        inner = contact.whole[np.ix_(gone, gone)]
+        within = contact.whole[np.ix_(gone, unsure)]
+        onto = np.column_stack([contact.terms[gone], within])
+        if gone.size:
+            onto = -_solved(inner, onto, definite=not count)
+        columns = contact.terms.shape[1]
+        back = contact.whole[np.ix_(unsure, gone)]
+        schur = contact.schur[np.ix_(unsure, unsure)] + back @ onto[:, columns:]
+        slack = contact.terms[unsure] + back @ onto[:, :columns]
+        lifted = -contact.motions[unsure] @ solutions[m:] if loose else 0.0
+        known = np.maximum(solutions[unsure], 0.0)
+        return cls(
+            box,
+            gone,
+            unsure,
+            onto,
+            0.5 * (schur + schur.T),
+            slack,
+            known,
+            np.broadcast_to(lifted, known.shape),
+            loose,
+        )
 
     @cached_property
     def inverse(self) -> np.ndarray:
@@ -192,7 +213,7 @@ class Remaining:
     @cached_property
     def slack(self) -> np.ndarray:
         """Slack at the corners by these forces, (u, 2^d), negative by round-off."""
-        return self.free @ self.at_corners + self.schur @ self.forces
+        return self.free @ self.at_corners + self.schur @ self.forces + self.lifted
 
     @cached_property
     def products(self) -> np.ndarray:
@@ -237,6 +258,9 @@ class Remaining:
         of_force = np.sqrt(np.diag(self.inverse)) * self.distance
         of_slack = np.sqrt(np.diag(self.schur)) * self.distance
         closed = self.forces.min(axis=1, initial=np.inf) > of_force
+        closed &= ~self.box.closed[self.unsure]
+        if self.loose:
+            return closed, np.zeros_like(closed)
         opened = self.slack.min(axis=1, initial=np.inf) > of_slack
         return closed & ~opened, opened & ~closed
 
@@ -248,9 +272,9 @@ class Remaining:
         """
         columns = self.free.shape[1]
         own = np.column_stack([outputs.constant[chosen], outputs.slopes[chosen]])
-        of_closed = outputs.weights[np.ix_(chosen, self.sure_closed)]
-        base = own + of_closed @ self.onto[:, :columns]
-        weights = outputs.weights[np.ix_(chosen, self.unsure)] + of_closed @ self.onto[:, columns:]
+        passed = outputs.weights[np.ix_(chosen, self.eliminated)]
+        base = own + passed @ self.onto[:, :columns]
+        weights = outputs.weights[np.ix_(chosen, self.unsure)] + passed @ self.onto[:, columns:]
         spread = weights @ self.inverse
         norms = np.sqrt(np.einsum("ku,ku->k", spread, weights).clip(0))
         values = base @ self.at_corners + weights @ self.forces
@@ -260,6 +284,10 @@ class Remaining:
         radius = 0.5 * norms[:, None] * reach
         slopes = np.stack([centre - radius, centre + radius])
         upper = values.max(axis=1) + norms * self.distance
+        if self.loose:
+            slopes[0], slopes[1] = -np.inf, np.inf
+            moving = outputs.weights[chosen, len(self.box.closed) :].any(axis=1)
+            upper = np.where(moving, np.inf, upper)
         return BoxBound(self.box, upper, slopes, self._axis())
 
     def _axis(self) -> int:
@@ -269,3 +297,8 @@ class Remaining:
             return 0
         along = [self.along[tuple(np.eye(len(sides), dtype=int)[k])] for k in range(len(sides))]
         return int(sides[int(np.argmax(along))])
+
+
+def _solved(inner: np.ndarray, right: np.ndarray, *, definite: bool) -> np.ndarray:
+    """Solution of a block of the whole problem; motions make it indefinite."""
+    return cho_solve(cho_factor(inner), right) if definite else np.linalg.solve(inner, right)

@@ -21,6 +21,8 @@ VERSION = 1
 
 ROUND_OFF = 1e-9
 """Relative difference of two bounds that counts as round-off of different ways to compute them."""
+_LEAST = 1e-7
+"""Least singular value of the motions of conditions, of size 1, that hold bodies."""
 ROUNDS = 5
 """Rounds in which sure conditions sharpen the bounds of the others: more than the search makes."""
 
@@ -58,7 +60,7 @@ def check_certificate(path: str | Path) -> str:
     try:
         parts = list(_parts(arrays))
         proven = float(arrays["proven"])
-        names = ("schur", "free", "slopes", "corners", "forces")
+        names = ("schur", "free", "slopes", "motions", "driving", "corners", "solutions")
         problem = _Problem(*(arrays[name] for name in names))
         outputs = tuple(arrays[name] for name in ("constant", "along", "weights"))
         _check(problem, outputs, parts, proven)
@@ -82,22 +84,27 @@ def _parts(arrays: dict[str, np.ndarray]) -> Iterator[Part]:
 
 
 class _Problem:
-    """s = f + G t + S λ, complementary."""
+    """s = f + G t + S λ - R α, complementary, R^T λ = d."""
 
     def __init__(
         self,
         schur: np.ndarray,
         free: np.ndarray,
         slopes: np.ndarray,
+        motions: np.ndarray,
+        driving: np.ndarray,
         corners: np.ndarray,
-        forces: np.ndarray,
+        solutions: np.ndarray,
     ):
         if not np.array_equal(schur, schur.T) or np.linalg.eigvalsh(schur)[0] <= 0:
             raise ValueError("S is not symmetric and positive definite")
         self.schur = schur
-        self.terms = np.column_stack([free, slopes])
+        self.motions = motions
+        count = motions.shape[1]
+        self.whole = np.block([[schur, -motions], [motions.T, np.zeros((count, count))]])
+        self.terms = np.vstack([np.column_stack([free, slopes]), -driving])
         # each corner may come from several boxes, whose ends are equal bit by bit
-        self.forces = {t.tobytes(): row for t, row in zip(corners, forces, strict=True)}
+        self.solutions = {t.tobytes(): row for t, row in zip(corners, solutions, strict=True)}
 
 
 def _check(
@@ -107,7 +114,7 @@ def _check(
     root = parts[0]
     if root.lower.any() or (root.upper != 1).any() or not root.chosen.all():
         raise ValueError("the first box is not the whole one with all candidates")
-    nothing = np.zeros(len(problem.terms), dtype=bool)
+    nothing = np.zeros(len(problem.schur), dtype=bool)
     limit = proven + ROUND_OFF * abs(proven)
     left = [(0, nothing, nothing, np.full(len(root.chosen), np.inf))]
     while left:
@@ -182,25 +189,42 @@ class _Rest:
     """Conditions of a box that may change, the sure ones eliminated."""
 
     def __init__(self, problem: _Problem, part: Part, closed: np.ndarray, opened: np.ndarray):
-        schur = problem.schur
-        terms = problem.terms
-        self.closed = np.flatnonzero(closed)
-        self.rest = np.flatnonzero(~(closed | opened))
-        self.size = len(terms)
-        inner = schur[np.ix_(self.closed, self.rest)]
-        of_closed = -np.linalg.inv(schur[np.ix_(self.closed, self.closed)])
-        self.onto_terms = of_closed @ terms[self.closed]
-        self.onto_rest = of_closed @ inner
-        self.M = schur[np.ix_(self.rest, self.rest)] + inner.T @ self.onto_rest
-        self.free = terms[self.rest] + inner.T @ self.onto_terms
+        m, count = problem.motions.shape
+        sure = np.flatnonzero(closed)
+        held = np.linalg.matrix_rank(problem.motions[sure], tol=_LEAST) == count
+        # motions that nothing sure holds stay as they are, and so do all closed conditions
+        self.loose = count > 0 and not held
+        gone = np.zeros(0, dtype=int) if self.loose else np.append(sure, m + np.arange(count))
+        self.gone = gone
+        self.rest = np.flatnonzero(~opened if self.loose else ~(closed | opened))
+        self.size = m
+        inverse = -np.linalg.inv(problem.whole[np.ix_(gone, gone)])
+        self.onto_terms = inverse @ problem.terms[gone]
+        self.onto_rest = inverse @ problem.whole[np.ix_(gone, self.rest)]
+        back = problem.whole[np.ix_(self.rest, gone)]
+        self.M = problem.schur[np.ix_(self.rest, self.rest)] + back @ self.onto_rest
+        self.M = 0.5 * (self.M + self.M.T)
+        self.free = problem.terms[self.rest] + back @ self.onto_terms
         self.inverse = np.linalg.inv(self.M)
         self.free_sides = np.flatnonzero(part.lower < part.upper)
         corners = list(_corners(part, self.free_sides))
         self.at = np.column_stack([np.concatenate([[1.0], corner]) for corner in corners])
-        forces = np.column_stack([problem.forces[corner.tobytes()] for corner in corners])
-        self.forces = np.maximum(forces[self.rest], 0)
+        solutions = np.column_stack([problem.solutions[corner.tobytes()] for corner in corners])
+        self.forces = np.maximum(solutions[self.rest], 0)
         self.slack = self.free @ self.at + self.M @ self.forces
+        if self.loose:
+            self._check_balance(problem, solutions)
+            self.slack = self.slack - problem.motions[self.rest] @ solutions[m:]
+        self.known = closed[self.rest]
         self.far = self._distance()
+
+    def _check_balance(self, problem: _Problem, solutions: np.ndarray) -> None:
+        """Forces at corners balance the loads, or the distance is not bounded."""
+        m = self.size
+        driven = -problem.terms[m:] @ self.at
+        off = np.abs(problem.motions.T @ solutions[:m] - driven).max()
+        if off > ROUND_OFF * max(np.abs(driven).max(), np.abs(solutions[:m]).max()):
+            raise ValueError("forces at a corner do not balance the loads")
 
     def _distance(self) -> float:
         """How far solutions are from the interpolated forces, in the norm of M."""
@@ -224,7 +248,9 @@ class _Rest:
         of_force = self.forces.min(axis=1) - np.sqrt(np.diag(self.inverse)) * self.far
         of_slack = self.slack.min(axis=1) - np.sqrt(np.diag(self.M)) * self.far
         found = []
-        for which in ((of_force > 0) & (of_slack <= 0), (of_slack > 0) & (of_force <= 0)):
+        closes = (of_force > 0) & ~self.known
+        opens = (of_slack > 0) & (not self.loose)
+        for which in (closes & ~opens, opens & ~closes):
             sure = np.zeros(self.size, dtype=bool)
             sure[self.rest[which]] = True
             found.append(sure)
@@ -234,11 +260,15 @@ class _Rest:
         self, constant: np.ndarray, along: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
         """Bounds of all candidates, (K,), and ends of their slopes, (K, P) each."""
-        of_closed = weights[:, self.closed]
-        base = np.column_stack([constant, along]) + of_closed @ self.onto_terms
-        w = weights[:, self.rest] + of_closed @ self.onto_rest
+        passed = weights[:, self.gone]
+        base = np.column_stack([constant, along]) + passed @ self.onto_terms
+        w = weights[:, self.rest] + passed @ self.onto_rest
         norms = np.sqrt(np.maximum(((w @ self.inverse) * w).sum(axis=1), 0))
         upper = (base @ self.at + w @ self.forces).max(axis=1) + norms * self.far
+        if self.loose:
+            endless = np.full(along.shape, np.inf)
+            moving = weights[:, self.size :].any(axis=1)
+            return np.where(moving, np.inf, upper), (-endless, endless)
         full = -self.inverse @ self.free[:, 1:]
         radius = 0.5 * norms[:, None] * np.sqrt(np.maximum((full * (self.M @ full)).sum(axis=0), 0))
         centre = base[:, 1:] + 0.5 * w @ full

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hhr_dolfinx.errors import ParameterError
+from hhr_dolfinx.errors import NotOfferedError, ParameterError
 from hhr_dolfinx.files import write_arrays
 from hhr_dolfinx.models.shown import table
 from hhr_dolfinx.parameters import is_number
@@ -27,12 +27,15 @@ from hhr_dolfinx.plugins.worst_case.affine import (
     Candidates,
     candidates_of,
     contact_of,
+    elimination_of,
+    solution_of,
 )
 from hhr_dolfinx.plugins.worst_case.box_bound import Box, BoxBound, bounded
 from hhr_dolfinx.plugins.worst_case.check import FORMAT, VERSION
 from hhr_dolfinx.timing import now, terminal_lines
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.models.model import AnsweringModel
 
 MOST_PARAMETERS = 12
@@ -64,7 +67,8 @@ class Proof:
         contact: the contact problem.
         outputs: candidates; their largest value is bounded.
         root: the whole box.
-        solutions: forces at all corners, (m,), by the bytes of their parameters in the unit cube.
+        solutions: forces and motions at all corners, (m + r,), by the bytes of their parameters in
+            the unit cube.
         proven: no candidate exceeds it.
     """
 
@@ -112,7 +116,9 @@ class Proof:
             "upper": upper,
             "chosen": np.array(chosen),
             "corners": np.array([np.frombuffer(key) for key in self.solutions]),
-            "forces": np.array(list(self.solutions.values())),
+            "motions": self.contact.motions,
+            "driving": self.contact.driving,
+            "solutions": np.array(list(self.solutions.values())),
         }
         write_arrays(path, {"format": FORMAT, "version": VERSION, **about}, arrays)
 
@@ -294,6 +300,7 @@ class _Search:
         limit: float | None,
     ):
         self._model = model
+        self._eliminated = elimination_of(model)
         self._contact = contact
         self._outputs = outputs
         self._within = within
@@ -368,19 +375,36 @@ class _Search:
         return Node(box, np.arange(len(self._outputs.constant)))
 
     def _solved(self, corners: np.ndarray) -> np.ndarray:
-        """Forces at points of the unit cube, (m, n), each solved once; their values count."""
+        """Forces and motions at points of the unit cube, (m + r, n), each solved once; their values
+        count.
+        """
         missing = [t for t in corners if t.tobytes() not in self._solutions]
         if missing:
             points = np.array([self._contact.point(t) for t in missing])
             answers = self._model.solve_many(points, outside="ignore")
             for t, answer in zip(missing, answers, strict=True):
-                self._solutions[t.tobytes()] = answer.multipliers
-                value = float(self._outputs.values(t, answer.multipliers).max())
+                self._demand_determined(answer)
+                solution = solution_of(answer, self._eliminated, self._contact)
+                self._solutions[t.tobytes()] = solution
+                value = float(self._outputs.values(t, solution).max())
                 self.scale = max(self.scale, abs(value))
                 if value > self.best:
                     self.best = value
                     self.where = t
         return np.stack([self._solutions[t.tobytes()] for t in corners], axis=1)
+
+    def _demand_determined(self, answer: Answer) -> None:
+        """Raise NotOfferedError if the output reads a motion that nothing determines."""
+        m = len(self._contact.free)
+        if answer.undetermined is not None and self._outputs.weights[:, m:].any():
+            names = self._model.parameters.names
+            place = ", ".join(
+                f"{name} = {value:.6g}" for name, value in zip(names, answer.parameter, strict=True)
+            )
+            raise NotOfferedError(
+                f"the output reads a motion that neither loads nor contact determine at {place}: "
+                "hold the body by a displacement, or narrow the box"
+            )
 
     def _parts(self, bound: BoxBound, left: np.ndarray) -> Iterator[tuple[Box, np.ndarray]]:
         """Boxes that take the place of one, and which of its candidates each has, (k,) bool.

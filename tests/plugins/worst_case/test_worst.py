@@ -7,11 +7,16 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs
-from scenes import pressed_block, space
+from scenes import lying, pressed_block, slope, space
 from scipy.optimize import Bounds, LinearConstraint, milp
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import FileContentError, NotOfferedError, ParameterError
+from hhr_dolfinx.errors import (
+    FileContentError,
+    NotOfferedError,
+    ParameterError,
+    UndeterminedWarning,
+)
 from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.plugins.worst_case.affine import AffineContact, Candidates, contact_of
 from hhr_dolfinx.plugins.worst_case.box_bound import Box, bounded
@@ -43,7 +48,8 @@ def random_contact(rng, m, count):
     schur = root @ root.T / m + 0.05 * np.eye(m)
     box = hhr.ParameterSpace(tuple(f"p{k}" for k in range(count)), (0.0,) * count, (1.0,) * count)
     slopes = rng.standard_normal((m, count))
-    return AffineContact(schur, 0.5 * rng.standard_normal(m), slopes, box)
+    nothing = np.zeros((m, 0)), np.zeros((0, 1 + count))
+    return AffineContact(schur, 0.5 * rng.standard_normal(m), slopes, box, *nothing)
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -56,9 +62,7 @@ def test_no_point_of_a_box_exceeds_its_bounds(seed):
     contact = random_contact(rng, m, count)
     weights = np.vstack([np.eye(m), -np.eye(m), rng.standard_normal((3, m))])
     K = len(weights)
-    outputs = Candidates(
-        rng.standard_normal(K), rng.standard_normal((K, count)), weights, ("",) * K
-    )
+    outputs = Candidates(rng.standard_normal(K), rng.standard_normal((K, count)), weights)
     nothing = np.zeros(m, dtype=bool)
     for size in (1.0, 0.3, 0.05):
         lower = (1 - size) * rng.random(count)
@@ -82,10 +86,104 @@ def test_no_point_of_a_box_exceeds_its_bounds(seed):
                 assert (slope_ <= found.slopes[1][:, axis] + 1e-5).all()
 
 
+def with_motion(contact, t):
+    """Forces and the one motion of bodies that contact alone holds, by all sets of statuses."""
+    m = len(contact.free)
+    best = None
+    for statuses in itertools.product((False, True), repeat=m):
+        closed = np.array(statuses)
+        rows = np.append(np.flatnonzero(closed), m)
+        if len(rows) == 1:
+            continue
+        solution = np.zeros(m + 1)
+        right = contact.terms[rows] @ np.concatenate([[1.0], t])
+        solution[rows] = -np.linalg.solve(contact.whole[np.ix_(rows, rows)], right)
+        forces = solution[:m]
+        slack = contact.free_slack(t) + contact.schur @ forces - contact.motions[:, 0] * solution[m]
+        slack[closed] = 0.0
+        lack = max(-forces.min(), -slack.min(), 0.0)
+        if best is None or lack < best[0]:
+            best = lack, solution, closed
+    assert best[0] < 1e-9
+    return best[1:]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_no_point_exceeds_the_bounds_of_a_body_that_contact_holds(seed):
+    """As above, with a motion whose balance the forces keep; small boxes have sure conditions that
+    hold it, large ones do not.
+    """
+    rng = np.random.default_rng(100 + seed)
+    m, count = 5, 2
+    held = random_contact(rng, m, count)
+    driving = np.concatenate([[1.0], 0.5 * rng.random(count)])[None]
+    contact = replace(held, motions=1 - 0.5 * rng.random((m, 1)), driving=driving)
+    weights = np.vstack([np.eye(m + 1), -np.eye(m + 1), rng.standard_normal((3, m + 1))])
+    K = len(weights)
+    outputs = Candidates(np.zeros(K), rng.standard_normal((K, count)), weights)
+    nothing = np.zeros(m, dtype=bool)
+    finite = 0
+    for size in (1.0, 0.2, 0.02):
+        lower = (1 - size) * rng.random(count)
+        box = Box(lower, lower + size, nothing, nothing.copy())
+        corners = np.stack([with_motion(contact, t)[0] for t in box.corners], axis=1)
+        found = bounded(contact, outputs, np.arange(K), box, corners)
+        finite += np.isfinite(found.upper).all()
+        for _ in range(30):
+            t = lower + size * rng.random(count)
+            solution, closed = with_motion(contact, t)
+            assert (outputs.values(t, solution) <= found.upper + 1e-9).all()
+            assert closed[found.box.closed].all() and not closed[found.box.open].any()
+    assert finite, "no box is small enough for its motion to be held"
+
+
+def turned_by(bulge):
+    """A block that lies on another one, pressed down and turned."""
+    return lying(
+        bulge=bulge,
+        tilt=slope("q"),
+        parameters=space(p=(1.0, 10.0), q=(0.0, 2.0)),
+        outputs=(
+            hhr.LargestPressure("peak", 0),
+            hhr.DisplacementAt("moved", (0.5, 2.0), 1),
+            hhr.ContactForce("left", 0, (0.0, 1.0)),
+        ),
+    )
+
+
+@needs("floating")
+@pytest.mark.filterwarnings("ignore:body 2 .* moves along axis 0")
+def test_an_output_that_reads_an_undetermined_motion_is_refused():
+    """A round block on one node may turn."""
+    model = hhr.condense(turned_by(0.5))
+    with (
+        pytest.warns(UndeterminedWarning),
+        pytest.raises(NotOfferedError, match="neither loads nor contact determine at p = "),
+    ):
+        hhr.worst(model, "moved")
+
+
+@needs("floating")
+@pytest.mark.filterwarnings("ignore:body 2 .* moves along axis 0")
+@pytest.mark.parametrize("output", ["peak", "moved", "left"])
+def test_a_block_that_contact_alone_holds(output, tmp_path):
+    """What is proven holds at random points, and a certificate proves it again; the block turns
+    with the second load.
+    """
+    model = hhr.condense(turned_by(0.05 if output == "peak" else 0.0))
+    found = hhr.worst(model, output, 0.01)
+    assert found.finished
+    assert model.outputs(found.parameters)[output] == pytest.approx(found.value, rel=1e-8)
+    values = [model.outputs(point)[output] for point in model.parameters.random(200, seed=3)]
+    assert max(values) <= found.proven + 1e-9 * found.scale
+    found.save(tmp_path / "proof.npz")
+    assert "proven again" in hhr.check_certificate(tmp_path / "proof.npz")
+
+
 def test_a_box_without_changes_of_status_is_bounded_exactly():
     rng = np.random.default_rng(3)
     contact = random_contact(rng, 5, 2)
-    outputs = Candidates(np.zeros(5), np.zeros((5, 2)), np.eye(5), ("",) * 5)
+    outputs = Candidates(np.zeros(5), np.zeros((5, 2)), np.eye(5))
     nothing = np.zeros(5, dtype=bool)
     box = Box(np.full(2, 0.4), np.full(2, 0.4001), nothing, nothing.copy())
     values = [by_enumeration(contact.schur, contact.free_slack(t))[0] for t in box.corners]
@@ -245,9 +343,9 @@ def test_forces_of_a_certificate_need_not_be_right(tmp_path):
     def wrong(size):
         return lambda array: array + size * array.max() * noise.standard_normal(array.shape)
 
-    near = changed(tmp_path / "proof.npz", tmp_path / "near.npz", forces=wrong(1e-14))
+    near = changed(tmp_path / "proof.npz", tmp_path / "near.npz", solutions=wrong(1e-14))
     assert repr(found.proven) in hhr.check_certificate(near)
-    far = changed(tmp_path / "proof.npz", tmp_path / "far.npz", forces=wrong(0.1))
+    far = changed(tmp_path / "proof.npz", tmp_path / "far.npz", solutions=wrong(0.1))
     with pytest.raises(FileContentError, match="leaves candidate"):
         hhr.check_certificate(far)
 
