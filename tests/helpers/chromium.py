@@ -6,7 +6,7 @@ import shutil
 import signal
 import subprocess
 
-from bare import WAIT
+from processes import WAIT
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 OPTIONS = (

@@ -12,7 +12,7 @@ import pytest
 from chromium import CHROMIUM, Browser
 from compose_verbs import Case
 from needs import needs, present
-from test_kernel import ZIG
+from libraries import ZIG
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError
