@@ -5,13 +5,11 @@ joint of the demos. Each is proven to 1 % and checked by its certificate; random
 value exceeds what is proven. Small blocks are solved as mixed-integer programs too, statuses as
 binary variables with big M, by HiGHS in SciPy, up to a minute each.
 
-    python benchmarks/worst_case.py [--out DIR] [--quick]
+    python benchmarks/worst_case.py [--out DIR] [--quick] [--seed N] [--only NAME]
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import tempfile
 import time
 from collections.abc import Callable
@@ -23,10 +21,13 @@ from typing import Any
 import _demos  # noqa: F401 (before the scenes)
 import numpy as np
 import sphere_on_block
+from parts import cli
+from rich.table import Table
 from scipy.optimize import Bounds, LinearConstraint, milp
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
+from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.plugins.worst_case.affine import candidates_of, contact_of
 
 SECONDS = 60.0
@@ -121,7 +122,9 @@ def by_integers(model: Any, name: str, seconds: float) -> tuple[float, float]:
     return best, time.perf_counter() - start
 
 
-def measured(name: str, scene: hhr.Scene, *, integers: bool, points: int) -> dict[str, Any]:
+def measured(
+    name: str, scene: hhr.Scene, *, integers: bool, points: int, seed: int
+) -> dict[str, Any]:
     """A row of the report."""
     model = hhr.condense(scene)
     start = time.process_time()
@@ -137,7 +140,7 @@ def measured(name: str, scene: hhr.Scene, *, integers: bool, points: int) -> dic
     values = [
         outputs["peak"]
         for outputs in (
-            answer.outputs() for answer in model.solve_many(model.parameters.random(points, seed=7))
+            answer.outputs() for answer in model.solve_many(model.parameters.random(points, seed))
         )
     ]
     row = {
@@ -157,17 +160,7 @@ def measured(name: str, scene: hhr.Scene, *, integers: bool, points: int) -> dic
     }
     if integers:
         row["integers"], row["integers_seconds"] = by_integers(model, "peak", SECONDS)
-    print(
-        f"{name}: m = {row['conditions']}, found {found.value:.5g}, {found.difference:.2%} by "
-        f"{found.problems} problems in {took:.2f} s, checked in {checked:.2f} s; "
-        f"{row['above']} of {points} above" + (_integers(row) if integers else ""),
-        flush=True,
-    )
     return row
-
-
-def _integers(row: dict[str, Any]) -> str:
-    return f"; HiGHS {row['integers']:.5g} in {row['integers_seconds']:.1f} s"
 
 
 def cases(quick: bool) -> list[tuple[str, Callable[[], hhr.Scene], bool]]:
@@ -187,18 +180,28 @@ def cases(quick: bool) -> list[tuple[str, Callable[[], hhr.Scene], bool]]:
 
 def main() -> None:
     """Run all cases and write ``report.json``."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("out/worst_case"))
-    parser.add_argument("--quick", action="store_true", help="three small cases")
+    parser = cli.demo_parser("worst_case", __doc__)
     parser.add_argument("--only", default="", help="cases whose name has this text")
-    given = parser.parse_args()
-    given.out.mkdir(parents=True, exist_ok=True)
+    options = cli.parse_on_first_rank(parser)
+    points = POINTS // 20 if options.quick else POINTS
     rows = [
-        measured(name, scene(), integers=small, points=POINTS // 20 if given.quick else POINTS)
-        for name, scene, small in cases(given.quick)
-        if given.only in name
+        measured(name, scene(), integers=small, points=points, seed=options.seed)
+        for name, scene, small in cases(options.quick)
+        if options.only in name
     ]
-    (given.out / "report.json").write_text(json.dumps({"worst": rows}, indent=1), encoding="utf-8")
+    table = Table("case", "conditions", "proven to", "problems", "CPU, s", "checked, s", "above")
+    for row in rows:
+        table.add_row(
+            row["scene"],
+            str(row["conditions"]),
+            f"{row['difference']:.2%}",
+            str(row["problems"]),
+            f"{row['cpu_seconds']:.2f}",
+            f"{row['check_cpu_seconds']:.2f}",
+            f"{row['above']} of {points}",
+        )
+    options.console.print(table)
+    report.write_report({"scene": "worst_case", "worst": rows, **report.environment()}, options.out)
 
 
 if __name__ == "__main__":

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from chromium import CHROMIUM, Browser
 from compose_verbs import Case
-from needs import needs, present
 from libraries import ZIG
+from needs import needs, present
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError

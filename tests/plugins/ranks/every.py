@@ -269,9 +269,11 @@ FUNCTIONS = {
     "write_answers": written,
     "write_fields": fields,
     "write_model_page": page,
+    "worst": lambda work: [hhr.worst(work.model, "force").proven],
 }
 """Functions of the package by name."""
 CALLED = {
+    "check_certificate": "worst",
     "read_stiffness": "blocks_of_scene",
     "run_study": "study_scene",
     "scenery_of": "write_model_page",
@@ -364,8 +366,17 @@ def reported(work):
     return [(work.folder / "studied" / "report.html").stat().st_size > 0]
 
 
+def certified(work):
+    """A proof, and its claim proven again: the words of the second command."""
+    proof = work.folder / "proof.npz"
+    invoked("worst", work.file, "force", "--certificate", proof)
+    COMM.barrier()
+    return told(invoked("certificate", proof))
+
+
 COMMANDS = {
     "answer": answered,
+    "certificate": certified,
     "check": lambda work: [
         len(invoked("check", work.scene, "--picture", work.folder / "check.png")) > 0
     ],
@@ -386,6 +397,7 @@ COMMANDS = {
     "study": studied,
     "train": trained,
     "train --together": trained_together,
+    "worst": lambda work: told(invoked("worst", work.file, "force").partition("\nwork:")[0]),
 }
 """Commands by name."""
 ENTRIES = {

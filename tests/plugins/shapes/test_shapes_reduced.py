@@ -180,7 +180,7 @@ def test_fields_outside_of_the_domain_follow_the_shape(beside):
     assert 1 < len(model.offline.facts.sets.A_lambda) < len(training.full_order.problem.gaps)
     for point in training.full_order.parameters.random(3, seed=3):
         there = training.full_order.problem.at(point)
-        gaps, rows = model.fields._surface(point)
+        gaps, rows = model.fields.surface_at(point)
         assert (
             apart(gaps, there.gaps) < 1e-4
             and apart(rows, there.contact @ model.offline.facts.basis) < 1e-4
