@@ -285,7 +285,8 @@ class Remaining:
         slopes = np.stack([centre - radius, centre + radius])
         upper = values.max(axis=1) + norms * self.distance
         if self.loose:
-            slopes[0], slopes[1] = -np.inf, np.inf
+            endless = np.full(centre.shape, np.inf)
+            slopes = np.stack([-endless, endless])
             moving = outputs.weights[chosen, len(self.box.closed) :].any(axis=1)
             upper = np.where(moving, np.inf, upper)
         return BoxBound(self.box, upper, slopes, self._axis())
