@@ -94,8 +94,14 @@ class ExactFields(_Exact):
             return self
         per_term = np.zeros_like(self.per_term)  # zeros take no room in a file
         per_term[rows.indices] = self.per_term[rows.indices]
-        kept = self.amplitudes, self.lifts, per_term, self.dimension, -(rows @ self.per_force)
-        return SolvedFields(*kept, functionals=self.functionals)
+        return SolvedFields(
+            amplitudes=self.amplitudes,
+            lifts=self.lifts,
+            per_term=per_term,
+            dimension=self.dimension,
+            measured_per_force=-(rows @ self.per_force),
+            functionals=self.functionals,
+        )
 
     @property
     def conditions(self) -> int:

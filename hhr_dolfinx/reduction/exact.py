@@ -131,9 +131,16 @@ def exact_condensation(
         schur=full.schur,
     )
     if has_columns or floats:
-        arguments = free, problem.block_size, floats, full.stress_of, plain_outputs(full), full
         fields: ExactFields | SolvedFields = ExactFields(
-            problem.amplitudes, problem.lifts, full.per_force, *arguments
+            amplitudes=problem.amplitudes,
+            lifts=problem.lifts,
+            per_force=full.per_force,
+            per_term=free,
+            dimension=problem.block_size,
+            floats=floats,
+            stress_of=full.stress_of,
+            functionals=plain_outputs(full),
+            full=full,
         )
     else:
         fields = _solved_fields(full, free)
@@ -152,9 +159,17 @@ def _solved_fields(full: FullModel, free: np.ndarray) -> SolvedFields:
     outputs = plain_outputs(full)
     rows = csr_matrix((0, problem.free.size)) if outputs is None else csr_matrix(outputs.rows)
     read = rows if full.has_room(rows.shape[0]) else rows[:0]
-    solved = np.ascontiguousarray(-full.pressed(read)), full.pushed_everywhere
-    arguments = *solved, full.stress_of, outputs, full
-    return SolvedFields(problem.amplitudes, problem.lifts, free, problem.block_size, *arguments)
+    return SolvedFields(
+        amplitudes=problem.amplitudes,
+        lifts=problem.lifts,
+        per_term=free,
+        dimension=problem.block_size,
+        measured_per_force=np.ascontiguousarray(-full.pressed(read)),
+        response_to_forces=full.pushed_everywhere,
+        stress_of=full.stress_of,
+        functionals=outputs,
+        full=full,
+    )
 
 
 def _known_statuses(full: FullModel) -> KnownStatuses:
