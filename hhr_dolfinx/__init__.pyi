@@ -122,6 +122,7 @@ from .plugins.scene_checks.mesh_error import mesh_error as mesh_error
 from .plugins.second_order.untangled import Untangled as Untangled
 from .plugins.shapes.shape import Shape as Shape
 from .plugins.sliding.slide import slide as slide
+from .plugins.soft_contact.pair_laws import SoftContact as SoftContact
 from .plugins.stress.outputs import ElasticEnergy as ElasticEnergy
 from .plugins.stress.outputs import StressAt as StressAt
 from .plugins.stress.outputs import VonMises as VonMises

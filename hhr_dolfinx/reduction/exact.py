@@ -130,26 +130,30 @@ def exact_condensation(
         free_slack=problem.gaps - problem.contact @ free,
         schur=full.schur,
     )
-    if has_columns or floats:
-        fields: ExactFields | SolvedFields = ExactFields(
-            amplitudes=problem.amplitudes,
-            lifts=problem.lifts,
-            per_force=full.per_force,
-            per_term=free,
-            dimension=problem.block_size,
-            floats=floats,
-            stress_of=full.stress_of,
-            functionals=plain_outputs(full),
-            full=full,
-        )
-    else:
-        fields = _solved_fields(full, free)
+    made = _exact_fields if has_columns or floats else _solved_fields
+    fields = made(full, free)
     if floats and problem.kernel is not None:
         eliminated = problem.kernel.exact(problem, responses)
     else:
         eliminated = ConstantElimination(responses, problem.amplitudes, factorise)
     return CondensedModel(
         problem.parameters, eliminated, known, fields, problem.contact_pairs, law=problem.law
+    )
+
+
+def _exact_fields(full: FullModel, free: np.ndarray) -> ExactFields:
+    """Fields of a full model that keeps its columns, from K^-1 loads, (N, 1 + T)."""
+    problem = full.problem
+    return ExactFields(
+        amplitudes=problem.amplitudes,
+        lifts=problem.lifts,
+        per_force=full.per_force,
+        per_term=free,
+        dimension=problem.block_size,
+        floats=problem.held_by_contact,
+        stress_of=full.stress_of,
+        functionals=plain_outputs(full),
+        full=full,
     )
 
 

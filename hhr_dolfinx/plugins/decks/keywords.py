@@ -223,7 +223,11 @@ _OF_CONTACT = {
     "SURFACE BEHAVIOR": left_options(
         read_options("", "PRESSURE-OVERCLOSURE=HARD|AUGMENTED LAGRANGE|PENALTY|DIRECT"),
         **{
-            "PRESSURE-OVERCLOSURE=*": "contact is hard here, surfaces do not overlap",
+            "PRESSURE-OVERCLOSURE=*": (
+                "contact is hard here, surfaces do not overlap. law=hhr.SoftContact(stiffness=K) "
+                "of the pair has the line of LINEAR, exponential=(C0, P0) and "
+                "table=((OVERCLOSURE, PRESSURE), ...) those of EXPONENTIAL and TABULAR"
+            ),
             "PRESSURE-OVERCLOSURE=TIED": (
                 "surfaces touch and may open and slide here: write hhr.Tie(SLAVE, MASTER) in "
                 "constraints instead of the pair"
