@@ -218,8 +218,10 @@ class Case:
     @cached_property
     def remembers(self) -> bool:
         """True if answers depend on the path."""
+        if self.inelastic or self.draft.full is not None:
+            return True
         laws = any(law is not None for law in self.scene.laws)
-        return self.inelastic or laws or self.draft.full is not None
+        return bool(laws and self.full.law.path_dependent)
 
     @cached_property
     def varies(self) -> bool:
