@@ -65,6 +65,7 @@ NEEDING = {
     "plugins/constraints/test_constraints_with_laws.py": ("inelastic",),
     "plugins/pages/test_page_shown.py": ("inelastic",),
     "plugins/pages/test_rubbing_pages.py": ("inelastic",),
+    "plugins/plots/test_contact_fields.py": ("pages",),
     "plugins/pages/test_pages_in_chromium.py": ("conformance", "inelastic"),
     "plugins/conformance/test_conformance.py": ("stress", "volume_loads"),
     "plugins/floating/test_attack_floating.py": ("exact_errors",),

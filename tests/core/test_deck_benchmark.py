@@ -35,7 +35,7 @@ def test_a_press_fit_is_pushed_off_by_mu_times_its_normal_force(case, tmp_path):
     assert case.run(tmp_path) == pytest.approx(1, abs=exact)
 
 
-@needs("constraints", "nonmatching")
+@needs("constraints", "nonmatching", "stress")
 def test_a_leaf_spring_has_the_force_of_calculix_for_small_displacements(tmp_path):
     """CalculiX 2.20 has 2.180454 N at 0.1 mm, with a penalty and a tension of 1e-5 across gaps."""
     assert deck_cases.leaf_spring_of_20_nodes(tmp_path, 0.1) == pytest.approx(2.180454, rel=1e-3)

@@ -138,7 +138,7 @@ def leaves(cells, push):
     return deck.text
 
 
-@needs("nonmatching")
+@needs("nonmatching", "stress")
 @pytest.mark.parametrize(("cells", "force"), [((2, 3), 23.89021), ((1, 2, 4), 10.19377)])
 def test_a_leaf_spring_with_contact_at_nodes(cells, force, tmp_path):
     """The force on the support, from the energy.
