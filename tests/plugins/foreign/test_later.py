@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from foreign_formats import FLANK, FLOOR, TOP, foreign_scene, own_block, own_scene
 from foreign_lies import BY_CASE, matrix_of
+from needs import needs
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.plugins.foreign import case
-from hhr_dolfinx.plugins.scene_checks.check import check_scene
 
 DIFFERS = r"differ from those by its K by .* most at node \d+ in direction [123]"
 
@@ -124,8 +124,11 @@ def test_a_singular_block_is_named(own):
         hhr.FullOrderModel(foreign_scene(lie))
 
 
+@needs("scene_checks")
 def test_a_check_of_a_scene_compares_too(own, own_factors):
     """It makes no factors of a full model."""
+    from hhr_dolfinx.plugins.scene_checks.check import check_scene
+
     lie = replace(own, stiffness=matrix_of(own, 1.01 * own.stiffness.matrix))
     found = check_scene(foreign_scene(lie))
     assert any("differ from those by its K" in str(mistake) for mistake in found.mistakes)

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from condensing import apart
-from needs import present
+from needs import needs, present
 from scenes import pressed_block, pressed_pair
 
 import hhr_dolfinx as hhr
