@@ -3,7 +3,7 @@
 import ast
 from pathlib import Path
 
-from conftest import NEEDING
+import conftest
 from needs import OURS
 
 from hhr_dolfinx import registry
@@ -18,6 +18,7 @@ FOLDERS = (
     ROOT / "demos",
 )
 HELPERS = {path.stem: path for folder in FOLDERS for path in sorted(folder.glob("*.py"))}
+del HELPERS["conftest"]  # which every test has
 HELPERS |= {
     path.stem: path
     for path in sorted(TESTS.glob("plugins/*/*.py"))
@@ -61,8 +62,10 @@ def test_files_name_the_plug_ins_that_they_import():
     for path in FILES:
         key = path.relative_to(TESTS).as_posix()
         own = {path.parent.name} if path.parent.parent.name == "plugins" else set()
-        known = (own | set(NEEDING.get(key, ()))) & registry.installed().keys()
-        lacking = (used(path) & set(OURS)) - with_needs(known) - own - set(NEEDING.get(key, ()))
+        known = (own | set(conftest.NEEDING.get(key, ()))) & registry.installed().keys()
+        lacking = (
+            (used(path) & set(OURS)) - with_needs(known) - own - set(conftest.NEEDING.get(key, ()))
+        )
         if lacking:
             missing[key] = sorted(lacking)
     assert missing == {}
