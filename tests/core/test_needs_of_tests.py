@@ -18,13 +18,13 @@ FOLDERS = (
     ROOT / "demos",
 )
 HELPERS = {path.stem: path for folder in FOLDERS for path in sorted(folder.glob("*.py"))}
-del HELPERS["conftest"]  # which every test has
 HELPERS |= {
     path.stem: path
     for path in sorted(TESTS.glob("plugins/*/*.py"))
     if not path.stem.startswith("test_")
 }
 FILES = sorted(TESTS.glob("*/test_*.py")) + sorted(TESTS.glob("plugins/*/test_*.py"))
+del HELPERS["conftest"]  # which tests have without an import
 
 
 def imported(path):
