@@ -24,7 +24,7 @@ settings.register_profile("patient", deadline=None, suppress_health_check=[Healt
 settings.load_profile("patient")
 
 NEEDING = {
-    "core/test_benchmarks.py": ("mortar", "second_order"),
+    "core/test_benchmarks.py": ("mortar", "second_order", "studies"),
     "core/test_command.py": ("nonmatching",),
     "core/test_deck_benchmark.py": ("decks", "nonmatching", "studies"),
     "core/test_demo.py": (
@@ -71,6 +71,10 @@ NEEDING = {
     "plugins/foreign/test_calculix.py": ("decks",),
     "plugins/local_models/test_local_training.py": ("studies",),
     "plugins/stress/test_energy.py": ("inelastic",),
+    "plugins/shapes/test_shapes_beside.py": ("constraints", "nodal_loads", "obstacles"),
+    "plugins/constraints/test_constraints.py": ("nodal_loads",),
+    "plugins/contact_laws/test_flow_slopes.py": ("friction", "inelastic"),
+    "plugins/scene_checks/test_mesh_error.py": ("nodal_loads",),
     "plugins/plots/test_contact_fields.py": ("pages",),
     "plugins/pages/test_pages_in_chromium.py": ("conformance", "inelastic", "studies"),
     "plugins/conformance/test_conformance.py": ("stress", "volume_loads"),

@@ -197,7 +197,7 @@ def with_another_kind(path, what):
     return path
 
 
-@needs("nonmatching")
+@needs("nonmatching", "mesh_formats")
 @pytest.mark.parametrize("name", ["c.inp", "c.e", "old.msh", "new.msh", "c.vtu"])
 @pytest.mark.parametrize("what", OTHERS)
 def test_a_body_of_another_kind_of_cells_is_left_out_by_name(what, name, tmp_path):
@@ -306,7 +306,7 @@ MARKERS = {
 }  # fmt: skip
 
 
-@needs("nonmatching")
+@needs("nonmatching", "mesh_formats")
 @pytest.mark.parametrize(
     "what",
     [
@@ -326,7 +326,7 @@ def test_numbers_and_names_of_a_file_are_there(what, tmp_path):
     assert pressure(path, names) == pytest.approx(10.0, rel=1e-9)
 
 
-@needs("nonmatching")
+@needs("nonmatching", "mesh_formats")
 def test_numbers_that_several_arrays_have_are_named_by_their_array(tmp_path):
     with pytest.raises(
         SceneError, match=r"1 is in the file: is in several arrays: name it 'rank:1' or 'marker:1'"

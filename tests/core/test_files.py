@@ -622,6 +622,7 @@ for name, full in made.items():
 """
 
 
+@needs("nodal_loads")
 def test_a_problem_has_one_digest_in_every_process(tmp_path):
     """Else a training that was interrupted finds none of its answers again."""
     plugins = [name for name in ("constraints",) if present(name)]

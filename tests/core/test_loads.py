@@ -106,7 +106,7 @@ def test_loads_on_two_ranks():
     assert launch(2, ["-c", program]).count("all is well") == 2
 
 
-@needs("inelastic")
+@needs("inelastic", "volume_loads")
 def test_a_body_that_flows_carries_its_weight():
     """Below its yield stress, in one step of a history, as in the elastic model."""
     scene = heavy_column()

@@ -66,7 +66,7 @@ def ordered(full, displacement):
     return displacement.reshape(-1, dim)[places]
 
 
-@needs("mortar", "nonmatching", "inelastic")
+@needs("mortar", "nonmatching", "inelastic", "nodal_loads")
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("kind", ["Mortar", "NodeToSurface"])
 def test_tied_halves_are_one_body(kind, law):
@@ -119,7 +119,7 @@ def trained(full, path, *reductors):
     return history, *(hhr.build(full, snapshots, reductor) for reductor in reductors)
 
 
-@needs("mortar", "inelastic")
+@needs("mortar", "inelastic", "nodal_loads")
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.filterwarnings("ignore")
 def test_a_condensed_model_of_tied_halves(law):
@@ -127,7 +127,7 @@ def test_a_condensed_model_of_tied_halves(law):
     close(condensed.march(PATH, TIGHT), history, 1e-7)
 
 
-@needs("mortar", "inelastic")
+@needs("mortar", "inelastic", "nodal_loads")
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.filterwarnings("ignore")
 def test_a_reduced_model_of_tied_halves(law, tmp_path):

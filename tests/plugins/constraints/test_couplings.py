@@ -145,6 +145,7 @@ def test_all_models_agree_where_the_end_meets_a_wall(rigid):
         assert found.forces() == pytest.approx(exact.forces(), abs=1e-3 * exact.forces().max())
 
 
+@needs("nodal_loads")
 def test_what_imposed_displacements_imply_is_left_out():
     """A rigid end on a plane of symmetry, held twice over, is that without its redundant
     equations.
@@ -171,6 +172,7 @@ def test_what_imposed_displacements_imply_is_left_out():
         hhr.FullOrderModel(beam(2, broken, order=1, displacements=held))
 
 
+@needs("nodal_loads")
 def test_a_set_that_stays_a_plane():
     """Components of a rigid motion alone: the end stays straight along x, and gets thinner."""
     ties = (hhr.RigidMotion(END, components=(0,)),)
@@ -182,6 +184,7 @@ def test_a_set_that_stays_a_plane():
     assert np.abs(np.diff(u[np.argsort(y), 1], 2)).max() >= 0 and np.ptp(u[:, 1]) > 1e-5
 
 
+@needs("nodal_loads")
 def test_mistakes():
     def full(dim, *constraints_and_loads):
         return hhr.FullOrderModel(beam(dim, *constraints_and_loads, order=1))

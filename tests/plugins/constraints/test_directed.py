@@ -33,6 +33,7 @@ BOTTOM = block.side(1, upper=False)
 TOP = block.side(1, upper=True)
 
 
+@needs("nodal_loads")
 def test_a_body_follows_an_inclined_guide():
     """Held along a normal and driven along the guide at two nodes it moves as a whole, without
     strain.
@@ -50,7 +51,7 @@ def test_a_body_follows_an_inclined_guide():
         assert moved == pytest.approx(np.tile(0.005 * np.array(along), (len(moved), 1)), abs=1e-12)
 
 
-@needs("floating")
+@needs("floating", "nodal_loads")
 def test_directions_about_an_axis_keep_the_distance():
     """A face that turns about an axis by tangential motions of 0.01 r at all nodes has no radial
     ones.

@@ -40,7 +40,7 @@ def test_a_bolt_pushed_apart_presses_the_plate(order, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:kappa")
-@needs("moduli")
+@needs("moduli", "nodal_loads")
 def test_the_modulus_of_a_bolt_may_be_a_parameter(tmp_path):
     """The force on the plate is E A (δ - gap) / L for any E, also with the modulus of a spring
     beside it.
@@ -59,7 +59,7 @@ def test_the_modulus_of_a_bolt_may_be_a_parameter(tmp_path):
                 )
 
 
-@needs("elasticity")
+@needs("elasticity", "nodal_loads")
 def test_a_force_draws_the_sides_together(tmp_path):
     """The head is held by a spring: tension F everywhere, the shortening F L / (E A) + F / k, F a
     parameter.

@@ -55,7 +55,7 @@ def faces(above):
     return "\n".join([*lines, *(f"{3 + i},P2,10." for i in range(above)), "*END STEP", ""])
 
 
-@needs("decks", "mortar", "floating")
+@needs("decks", "mortar", "floating", "shared_nodes")
 @pytest.mark.parametrize("above", [2, 4])
 def test_a_pair_for_each_face_is_one_interface(above, tmp_path):
     """The pressure is 10 and the force 2000 in all, as CalculiX 2.20 prints for both meshes."""

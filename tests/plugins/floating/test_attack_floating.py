@@ -181,7 +181,7 @@ def test_bodies_between_and_in_corners(name):
         kkt(full, mu)
 
 
-@needs("nonmatching", "elasticity")
+@needs("nonmatching", "elasticity", "volume_loads")
 def test_without_loads_nothing_touches():
     """A free body that is heated grows by its expansion, in plane strain."""
     stacked = hhr.FullOrderModel(stack(), MPI.COMM_SELF).solve((0.0, 0.0))

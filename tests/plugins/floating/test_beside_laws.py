@@ -192,6 +192,7 @@ def test_motions_that_nothing_determines_are_least_and_warned_of():
     assert answer.undetermined.shape[1] == expected.undetermined.shape[1]
 
 
+@needs("nodal_loads")
 def test_a_loose_block_wears_a_floor(monkeypatch):
     """The template of a law that solves for no motions by itself does by its range: depth =
     constant p t, by hand.
@@ -216,7 +217,7 @@ def test_a_loose_block_wears_a_floor(monkeypatch):
             assert sunk == pytest.approx(answer.memory["worn"], rel=1e-8)
 
 
-@needs("moduli")
+@needs("moduli", "systems")
 def test_a_foundation_that_may_vanish():
     """At k = 0 it holds no body and K is singular: S grows without limit there, and nothing
     interpolates it.

@@ -176,6 +176,7 @@ def test_pictures_and_fields_have_the_faces(plate, tmp_path):
         full.stress(full.solve((1.0,)))
 
 
+@needs("volume_loads")
 def test_integrals_over_a_mesh_are_refused(own):
     loads = (hhr.BodyForce("part", (0.0, 0.0, -1.0), "push"),)
     with pytest.raises(NotOfferedError, match="ForeignLoad"):

@@ -77,6 +77,7 @@ def test_formulas_of_the_ratio_are_the_numbers(hypothesis, law):
     assert max(apart(one, expected, FIELDS)) < 1e-9
 
 
+@needs("volume_loads")
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "plane_stress", "axisymmetric", "solid"])
 def test_where_nothing_flows_it_is_the_elastic_scene(hypothesis):
     """Graded, with a ratio of a parameter, and heated: K by forms against K at Gauss points.
@@ -402,7 +403,7 @@ def crowned(hypothesis, crown, **others):
     return hhr.FullOrderModel(dataclasses.replace(base, geometry=geometry))
 
 
-@needs("shapes")
+@needs("shapes", "volume_loads")
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "plane_stress"])
 def test_shapes_of_inelastic_bodies_are_those_of_their_meshes(hypothesis, tmp_path):
     """Graded and heated, with laws of places, on a mesh that has this shape: gaps, strains and

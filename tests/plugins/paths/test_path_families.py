@@ -397,7 +397,7 @@ def test_what_is_no_list_of_paths_or_has_no_names():
             hhr.train(block(), given)
 
 
-@needs("inelastic", "nonmatching")
+@needs("inelastic", "nonmatching", "studies")
 def test_the_lines_of_the_documentation():
     text = (Path(__file__).parents[3] / "docs/flow.md").read_text()
     (code,) = (

@@ -287,7 +287,7 @@ def test_friction_is_part_of_the_balance():
     assert abs(values["f"]) == pytest.approx(abs(values[f"{top} 0"]), rel=1e-9)
 
 
-@needs("constraints")
+@needs("constraints", "nodal_loads")
 def test_a_driven_node_carries_what_follows_it():
     """A top that follows one corner by equations: the reaction of a top that is held whole."""
     corner = hhr.Nodes.near((0.0, 2.0))

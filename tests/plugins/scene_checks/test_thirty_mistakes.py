@@ -463,6 +463,7 @@ def told(change: Change) -> list[str]:
     return [finding.text for finding in check_scene(scene).findings if finding.level != OK]
 
 
+@needs("mortar")
 @pytest.mark.parametrize(
     "name", [pytest.param(k, marks=needs(*NEEDED.get(k, ()))) for k in MISTAKES]
 )

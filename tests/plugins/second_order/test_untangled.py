@@ -436,6 +436,7 @@ def drilled(path):
     return path
 
 
+@needs("mesh_formats")
 @pytest.mark.parametrize(
     "ending", [".msh", pytest.param(".med", marks=pytest.mark.skipif(not MED, reason="no MED"))]
 )

@@ -12,7 +12,6 @@ from scenes import lying, pressed_block, space
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.testing import check_contact_law
 
 pytestmark = [needs("soft_contact")]
 BLOCK = 3.0 / (1 - 0.3**2) / 2
@@ -96,6 +95,8 @@ def test_a_stiffness_that_is_a_parameter(name):
 @pytest.mark.parametrize("name", LAWS)
 def test_it_keeps_the_contract_of_contact_laws(name):
     """Full, condensed, files, cuts, hyper-reduced and compiled, on blocks of other sizes."""
+    from hhr_dolfinx.testing import check_contact_law
+
     check_contact_law(LAWS[name])
 
 
