@@ -19,6 +19,7 @@ import hhr_dolfinx as hhr
 ROOT = Path(__file__).parents[2]
 
 
+@needs("second_order")
 def test_the_first_demo_ends_without_a_warning_in_a_model_a_page_and_a_unit(tmp_path):
     """From a STEP file: the model agrees with the full order on the mesh that the demo made."""
     run = python(ROOT / "demos/bolted_joint.py", "--quick", "--out", tmp_path, cwd=tmp_path)

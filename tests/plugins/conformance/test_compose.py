@@ -81,6 +81,7 @@ def test_contact_opens_and_closes_along_the_path():
     assert len(set(closed)) >= 3 and closed[-1] < max(closed)
 
 
+@needs("second_order")
 @pytest.mark.parametrize("name", NAMES)
 def test_each_capability_answers_and_its_neutral_value_changes_nothing(name):
     rows = {row.verb: row for row in compose_verbs.tried((name,), ("full", "neutral"))}

@@ -98,7 +98,7 @@ def test_wood_condenses_to_round_off(hypothesis, second, tmp_path):
     assert max(apart(kept, found, ("displacement", "forces", "stress"))) < 1e-12
 
 
-@needs("stress")
+@needs("stress", "second_order")
 @pytest.mark.filterwarnings("ignore:body .* has a law, and its cells")
 @pytest.mark.parametrize("graded", [False, True])
 @pytest.mark.parametrize("cells", ["thin", "of_second_order", "solid"])
