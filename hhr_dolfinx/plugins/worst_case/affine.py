@@ -158,13 +158,13 @@ def _motions_of(eliminated: Eliminated) -> tuple[np.ndarray, np.ndarray] | None:
 def _refused(model: AnsweringModel) -> str:
     """What a proof needs and the model lacks; empty if it has all."""
     eliminated: Any = getattr(model, "eliminated", None)
-    law = model.law
-    if law.remembers:
+    law = getattr(model, "law", None)
+    if law is not None and law.remembers:
         return (
             "answers that depend on the parameters alone; friction and other laws with memory "
             "depend on the path"
         )
-    if not hasattr(eliminated, "responses") or _motions_of(eliminated) is None:
+    if law is None or not hasattr(eliminated, "responses") or _motions_of(eliminated) is None:
         return (
             f"condensed models of one stiffness, hhr.condense(scene), and not for this "
             f"{type(model).__name__}"
@@ -261,7 +261,11 @@ def _linear(
     nothing = np.zeros(sum(contact.motions.shape))
     constant = value(rest, nothing)
     slopes = np.array([value(t, nothing) - constant for t in np.eye(rest.size)])
-    weights = np.array([value(rest, one) - constant for one in np.eye(nothing.size)])
+    # forces and motions of the size of the problem: what a force of one adds may be lost in the
+    # digits of the constant
+    size = float(np.abs(contact.terms[:m]).sum(axis=1).max()) or 1.0
+    steps = np.append(size / np.diag(contact.schur), np.full(nothing.size - m, size))
+    weights = np.array([value(rest, one) - constant for one in np.diag(steps)]) / steps
     return Candidates(np.array([constant]), slopes[None], weights[None])
 
 

@@ -23,6 +23,12 @@ from scipy.linalg import cho_factor, cho_solve
 
 from hhr_dolfinx.plugins.worst_case.affine import AffineContact, Candidates
 
+SHORTEST = 2.0**-40
+"""Least length of a side that is divided: there is no double precision for much less."""
+NEGLIGIBLE = 1e-9
+"""Largest products of corners that differ in one side, over all products, that say nothing of the
+parameter to divide.
+"""
 PASSES = 3
 """Most rounds in which conditions that turn out to be sure sharpen the bound of the others: later
 ones changed nothing in the cases tried.
@@ -49,6 +55,11 @@ class Box:
     def sides(self) -> np.ndarray:
         """Numbers of the parameters along which it has a length, (d,)."""
         return np.flatnonzero(self.upper > self.lower)
+
+    @property
+    def divisible(self) -> np.ndarray:
+        """Whether each side is long enough to be divided, (P,) bool."""
+        return self.upper - self.lower > SHORTEST
 
     @cached_property
     def corners(self) -> np.ndarray:
@@ -292,12 +303,19 @@ class Remaining:
         return BoxBound(self.box, upper, slopes, self._axis())
 
     def _axis(self) -> int:
-        """The parameter along which the products of corners are largest."""
+        """The parameter along which the products of corners are largest.
+
+        If corners differ in several sides wherever their products are not zero, the longest side:
+        any rule that names the same parameter again and again may never end.
+        """
         sides = self.box.sides
-        if not sides.size:
-            return 0
-        along = [self.along[tuple(np.eye(len(sides), dtype=int)[k])] for k in range(len(sides))]
-        return int(sides[int(np.argmax(along))])
+        lengths = self.box.upper - self.box.lower
+        alone = np.zeros(lengths.size)
+        alone[sides] = [self.along[tuple(one)] for one in np.eye(len(sides), dtype=int)]
+        alone[~self.box.divisible] = 0.0
+        if alone.max(initial=0.0) > NEGLIGIBLE * self.along.max():
+            return int(alone.argmax())
+        return int(lengths.argmax()) if sides.size else 0
 
 
 def _solved(inner: np.ndarray, right: np.ndarray, *, definite: bool) -> np.ndarray:

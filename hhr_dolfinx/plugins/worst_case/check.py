@@ -23,6 +23,20 @@ ROUND_OFF = 1e-9
 """Relative difference of two bounds that counts as round-off of different ways to compute them."""
 _LEAST = 1e-7
 """Least singular value of the motions of conditions, of size 1, that hold bodies."""
+BALANCE = 1e-11
+"""Relative difference of loads and forces along a motion that counts as round-off: the distance is
+bounded for forces in balance alone.
+"""
+DEFINITE = 1e-12
+"""Least eigenvalue of S with a diagonal of 1 to 4: round-off of its inverse falsifies the bounds of
+a problem that is nearer to a singular one.
+"""
+LARGE = 1e100
+"""Largest size of numbers, and with its reciprocal of those that are not zero: squares of others
+leave the range of double precision.
+"""
+MOST_SIDES = 12
+"""Most parameters along which a box has a length: each doubles its corners."""
 ROUNDS = 5
 """Rounds in which sure conditions sharpen the bounds of the others: more than the search makes."""
 
@@ -58,17 +72,61 @@ def check_certificate(path: str | Path) -> str:
     """
     header, arrays = read_arrays(path, FORMAT, VERSION)
     try:
+        _check_arrays(arrays)
         parts = list(_parts(arrays))
         proven = float(arrays["proven"])
         names = ("schur", "free", "slopes", "motions", "driving", "corners", "solutions")
         problem = _Problem(*(arrays[name] for name in names))
-        outputs = tuple(arrays[name] for name in ("constant", "along", "weights"))
-        _check(problem, outputs, parts, proven)
+        outputs = arrays["constant"], arrays["along"], problem.scaled(arrays["weights"])
+        with np.errstate(all="ignore"):  # what is not finite proves nothing
+            _check(problem, outputs, parts, proven)
     except (KeyError, IndexError, ValueError, np.linalg.LinAlgError) as error:
         raise FileContentError(f"the certificate {path} is no proof: {error}") from error
     side, value = ("below", -proven) if header.get("smallest") else ("above", proven)
     claim = f"{header.get('output')} is nowhere in the box {side} {value!r}"
     return f"{claim}: proven again by {len(parts)} boxes"
+
+
+def _check_arrays(arrays: dict[str, np.ndarray]) -> None:
+    """Raise ValueError for arrays of other kinds, shapes or sizes, which might pass unseen."""
+    boxes, candidates = arrays["chosen"].shape
+    conditions, motions = arrays["motions"].shape
+    corners, parameters = arrays["corners"].shape
+    unknowns = conditions + motions
+    shapes = {
+        "schur": (conditions, conditions),
+        "free": (conditions,),
+        "slopes": (conditions, parameters),
+        "motions": (conditions, motions),
+        "driving": (motions, 1 + parameters),
+        "constant": (candidates,),
+        "along": (candidates, parameters),
+        "weights": (candidates, unknowns),
+        "proven": (),
+        "parents": (boxes,),
+        "lower": (boxes, parameters),
+        "upper": (boxes, parameters),
+        "chosen": (boxes, candidates),
+        "corners": (corners, parameters),
+        "solutions": (corners, unknowns),
+    }
+    if not (boxes and candidates and conditions):
+        raise ValueError("there is no box, no candidate or no condition")
+    for name, shape in shapes.items():
+        array = arrays[name]
+        kind = {"parents": "i", "chosen": "b"}.get(name, "f")
+        if array.shape != shape or array.dtype.kind != kind:
+            raise ValueError(f"{name} is {array.dtype} {array.shape}, not '{kind}' {shape}")
+        if kind == "f" and np.abs(array).max(initial=0.0) > LARGE:
+            raise ValueError(f"{name} has numbers above {LARGE:g}")
+    loads = np.column_stack([arrays["free"], arrays["slopes"]])
+    for name, sizes in (
+        ("loads", np.abs(loads).max(keepdims=True)),
+        ("weights", np.abs(arrays["weights"]).max(axis=1)),
+        ("the diagonal of S", np.diag(arrays["schur"])),
+    ):
+        if (sizes[sizes != 0] < 1 / LARGE).any():
+            raise ValueError(f"{name}: a size below {1 / LARGE:g} that is not zero")
 
 
 def _parts(arrays: dict[str, np.ndarray]) -> Iterator[Part]:
@@ -96,8 +154,15 @@ class _Problem:
         corners: np.ndarray,
         solutions: np.ndarray,
     ):
-        if not np.array_equal(schur, schur.T) or np.linalg.eigvalsh(schur)[0] <= 0:
+        if not np.array_equal(schur, schur.T) or not (np.diag(schur) > 0).all():
             raise ValueError("S is not symmetric and positive definite")
+        # units of conditions by powers of two, without round-off, to a diagonal of 1 to 4
+        self.unit = 0.5 ** np.floor(0.5 * np.log2(np.diag(schur)))
+        schur = schur * self.unit * self.unit[:, None]
+        if not np.linalg.eigvalsh(schur)[0] > DEFINITE:
+            raise ValueError("S is not positive definite, or no more than by round-off")
+        free, slopes, motions = ((self.unit * part.T).T for part in (free, slopes, motions))
+        solutions = solutions / np.append(self.unit, np.ones(motions.shape[1]))
         self.schur = schur
         self.motions = motions
         count = motions.shape[1]
@@ -105,6 +170,10 @@ class _Problem:
         self.terms = np.vstack([np.column_stack([free, slopes]), -driving])
         # each corner may come from several boxes, whose ends are equal bit by bit
         self.solutions = {t.tobytes(): row for t, row in zip(corners, solutions, strict=True)}
+
+    def scaled(self, weights: np.ndarray) -> np.ndarray:
+        """Weights, (K, m + r), of forces in the units of this problem."""
+        return weights * np.append(self.unit, np.ones(self.motions.shape[1]))
 
 
 def _check(
@@ -121,7 +190,7 @@ def _check(
         number, closed, opened, known = left.pop()
         part = parts[number]
         closed, opened, upper, slopes = _bounds(problem, outputs, part, closed, opened)
-        upper = np.minimum(upper, known)
+        upper = np.minimum(np.where(np.isfinite(upper), upper, np.inf), known)
         missing = part.chosen & (upper > limit)
         for child in part.children:
             missing &= ~_taken(parts, part, parts[child], slopes)
@@ -191,7 +260,9 @@ class _Rest:
     def __init__(self, problem: _Problem, part: Part, closed: np.ndarray, opened: np.ndarray):
         m, count = problem.motions.shape
         sure = np.flatnonzero(closed)
-        held = np.linalg.matrix_rank(problem.motions[sure], tol=_LEAST) == count
+        # in units of the file, in which motions have the size 1
+        reach = problem.motions[sure] / problem.unit[sure, None]
+        held = np.linalg.matrix_rank(reach, tol=_LEAST) == count
         # motions that nothing sure holds stay as they are, and so do all closed conditions
         self.loose = count > 0 and not held
         gone = np.zeros(0, dtype=int) if self.loose else np.append(sure, m + np.arange(count))
@@ -207,29 +278,37 @@ class _Rest:
         self.free = problem.terms[self.rest] + back @ self.onto_terms
         self.inverse = np.linalg.inv(self.M)
         self.free_sides = np.flatnonzero(part.lower < part.upper)
+        if len(self.free_sides) > MOST_SIDES:
+            raise ValueError(f"a box has more than {MOST_SIDES} sides with a length")
         corners = list(_corners(part, self.free_sides))
         self.at = np.column_stack([np.concatenate([[1.0], corner]) for corner in corners])
         solutions = np.column_stack([problem.solutions[corner.tobytes()] for corner in corners])
         self.forces = np.maximum(solutions[self.rest], 0)
         self.slack = self.free @ self.at + self.M @ self.forces
         if self.loose:
-            self._check_balance(problem, solutions)
+            self._check_balance(problem)
             self.slack = self.slack - problem.motions[self.rest] @ solutions[m:]
         self.known = closed[self.rest]
         self.far = self._distance()
 
-    def _check_balance(self, problem: _Problem, solutions: np.ndarray) -> None:
-        """Forces at corners balance the loads, or the distance is not bounded."""
-        m = self.size
-        driven = -problem.terms[m:] @ self.at
-        off = np.abs(problem.motions.T @ solutions[:m] - driven).max()
-        if off > ROUND_OFF * max(np.abs(driven).max(), np.abs(solutions[:m]).max()):
+    def _check_balance(self, problem: _Problem) -> None:
+        """Forces at corners, without negative ones, balance the loads along each motion, or the
+        distance is not bounded.
+        """
+        # in units of the file: of a node at a centre of rotation only round-off is left of R
+        motions = (problem.motions / problem.unit[:, None])[self.rest].T
+        forces = problem.unit[self.rest, None] * self.forces
+        driving = problem.terms[self.size :]
+        off = np.abs(motions @ forces + driving @ self.at)
+        acting = np.abs(motions).max(axis=1, keepdims=True) * ((motions != 0) @ forces)
+        if not (off <= BALANCE * (acting + np.abs(driving) @ self.at)).all():
             raise ValueError("forces at a corner do not balance the loads")
 
     def _distance(self) -> float:
         """How far solutions are from the interpolated forces, in the norm of M."""
         lack = np.minimum(self.slack, 0)
-        residual = np.sqrt(max(np.max(np.sum(lack * (self.inverse @ lack), axis=0)), 0))
+        squares = np.sum(lack * (self.inverse @ lack), axis=0)
+        residual = np.sqrt(squares.max(initial=0.0))
         products = self.forces.T @ np.maximum(self.slack, 0)
         number = len(self.free_sides)
         largest = np.zeros(2**number)
@@ -241,7 +320,8 @@ class _Rest:
             sums = np.bincount(rest, weights=pairs, minlength=2**number)
             largest[mask] = sums.max() / 2 ** int(mask).bit_count()
         inside = [largest[(corners & ~mask) == 0].mean() for mask in corners]
-        return float(0.5 * residual + np.sqrt(0.25 * residual**2 + max(*inside, 0.0, 0.0)))
+        # unlike Python's, this maximum keeps what is no number
+        return float(0.5 * residual + np.sqrt(0.25 * residual**2 + np.max(inside, initial=0.0)))
 
     def sure(self) -> tuple[np.ndarray, np.ndarray]:
         """Conditions, (m,) bool, that are closed and open all over the box."""

@@ -231,7 +231,8 @@ def worst(
 
     Raises:
         NotOfferedError: for a model or output without such a proof, with the reason.
-        ParameterError: for an unknown output, or a number that is not positive.
+        ParameterError: for an unknown output, a number that is not positive, or a limit that is no
+            number.
         NotConvergedError: if a contact problem has no solution.
 
     Example:
@@ -247,7 +248,15 @@ def worst(
     for name, value in (("within", within), ("seconds", seconds)):
         if not is_number(value) or value <= 0:
             raise ParameterError(f"{name} = {value!r} must be a positive number")
+    if limit is not None and not is_number(limit):
+        raise ParameterError(f"limit = {limit!r} must be a number")
     contact = contact_of(model)
+    count = len(contact.width)
+    if count > MOST_PARAMETERS:
+        raise NotOfferedError(
+            f"the worst case is proven for {MOST_PARAMETERS} parameters at most, not for {count}: "
+            "each doubles the corners of the box"
+        )
     outputs = candidates_of(model, output, contact)
     if smallest:
         outputs = _smallest(outputs, output)
@@ -333,7 +342,7 @@ class _Search:
             bound = bounded(self._contact, self._outputs, node.chosen, node.box, forces)
             node.box = bound.box
             upper = np.minimum(bound.upper, known)
-            left = (upper > self._enough) & bool(bound.box.sides.size)
+            left = (upper > self._enough) & bound.box.divisible.any()
             unfinished = max(unfinished, upper[~left].max(initial=-math.inf))
             if left.any():
                 heapq.heappush(heap, (-upper.max(), next(counter), node, upper, bound))
@@ -362,9 +371,9 @@ class _Search:
     def _enough(self) -> float:
         """Bound that needs no proof any more."""
         enough = self.best + self._within * self.scale
-        if self._limit is None or self.best > self._limit:
+        if self._limit is None:
             return enough
-        return max(enough, self._limit)
+        return math.inf if self.best > self._limit else max(enough, self._limit)
 
     def _whole(self) -> Node:
         """The whole box."""

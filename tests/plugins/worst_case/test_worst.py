@@ -18,7 +18,12 @@ from hhr_dolfinx.errors import (
     UndeterminedWarning,
 )
 from hhr_dolfinx.files import read_arrays, write_arrays
-from hhr_dolfinx.plugins.worst_case.affine import AffineContact, Candidates, contact_of
+from hhr_dolfinx.plugins.worst_case.affine import (
+    AffineContact,
+    Candidates,
+    candidates_of,
+    contact_of,
+)
 from hhr_dolfinx.plugins.worst_case.box_bound import Box, bounded
 from hhr_dolfinx.plugins.worst_case.check import FORMAT, VERSION
 
@@ -275,6 +280,7 @@ def test_a_limit_ends_the_search_as_soon_as_it_is_proven():
     assert early.proven <= 2 * whole.value and early.never_beyond(2 * whole.value)
     assert early.boxes < whole.boxes
     beyond = hhr.worst(model, "peak", 1e-4, limit=0.5 * whole.value)
+    assert beyond.boxes < whole.boxes and beyond.proven >= whole.value
     assert not beyond.never_beyond(0.5 * whole.value) and beyond.value > 0.5 * whole.value
 
 
@@ -319,6 +325,22 @@ LIES = {
     "loads that are larger": {"slopes": lambda array: 1.2 * array},
     "a part of a later box": {"parents": at(1, 2)},
     "boxes outside": {"lower": at(1, -1.0)},
+    "whole numbers, of which & is another one": {"chosen": lambda array: 2 * array.astype(int)},
+    "no candidates": {
+        name: (lambda array, axis=axis: array.take([], axis))
+        for name, axis in (("constant", 0), ("along", 0), ("weights", 0), ("chosen", 1))
+    },
+    "two values": {"proven": lambda value: np.array([value, value])},
+    "forces whose products are no numbers": {
+        "solutions": lambda array: np.where(array > 0, 1.7e308, -1.7e308),
+        "proven": lambda value: value - 100.0,
+    },
+    "weights whose squares are no numbers": {"weights": lambda array: 1e300 * array},
+    "weights whose squares are zero": {
+        "weights": lambda array: 1e-200 * array,
+        "solutions": lambda array: 0.0 * array,
+        "proven": lambda value: 0.0 * value,
+    },
 }
 
 
@@ -332,6 +354,126 @@ def test_certificates_that_do_not_prove_are_found(lie, tmp_path):
     assert claim.startswith(f"peak is nowhere in the box above {found.proven!r}")
     with pytest.raises(FileContentError, match="no proof"):
         hhr.check_certificate(changed(tmp_path / "proof.npz", tmp_path / "lie.npz", **LIES[lie]))
+
+
+def between_walls(tmp_path, **changes):
+    """A certificate of a body between two walls, pressed to the first by 10: its force is 10."""
+    arrays = {
+        "schur": np.eye(2),
+        "free": np.zeros(2),
+        "slopes": np.zeros((2, 1)),
+        "motions": np.array([[1.0], [-1.0]]),
+        "driving": np.array([[10.0, 0.0]]),
+        "constant": np.zeros(1),
+        "along": np.zeros((1, 1)),
+        "weights": np.array([[1.0, 0.0, 0.0]]),
+        "proven": np.array(10.0),
+        "parents": np.array([-1]),
+        "lower": np.zeros((1, 1)),
+        "upper": np.ones((1, 1)),
+        "chosen": np.ones((1, 1), dtype=bool),
+        "corners": np.array([[0.0], [1.0]]),
+        "solutions": np.array([[10.0, 0.0, 10.0]] * 2),
+    }
+    header = {"format": FORMAT, "version": VERSION, "output": "force", "smallest": False}
+    write_arrays(tmp_path / "walls.npz", header, arrays | changes)
+    return tmp_path / "walls.npz"
+
+
+def test_forces_that_pull_balance_nothing(tmp_path):
+    """A pull at the second wall would balance the load without a force at the first one; so would
+    no force, if loads along a motion were measured by forces that do not act on it.
+    """
+    assert "above 10.0" in hhr.check_certificate(between_walls(tmp_path))
+    lie = {"proven": np.array(0.5), "solutions": np.array([[0.0, -10.0, 0.0]] * 2)}
+    with pytest.raises(FileContentError, match="do not balance"):
+        hhr.check_certificate(between_walls(tmp_path, **lie))
+    small = {"motions": np.array([[1e-12], [-1e-12]]), "driving": np.array([[1e-11, 0.0]])}
+    lie["solutions"] = np.zeros((2, 3))
+    with pytest.raises(FileContentError, match="do not balance"):
+        hhr.check_certificate(between_walls(tmp_path, **(lie | small)))
+
+
+def test_a_box_with_too_many_corners_is_no_proof(tmp_path):
+    """It ended only when memory was full."""
+    count = 40
+    sizes = {
+        "slopes": np.zeros((2, count)),
+        "driving": np.zeros((1, 1 + count)),
+        "along": np.zeros((1, count)),
+        "lower": np.zeros((1, count)),
+        "upper": np.ones((1, count)),
+        "corners": np.zeros((2, count)),
+    }
+    with pytest.raises(FileContentError, match="more than 12 sides"):
+        hhr.check_certificate(between_walls(tmp_path, **sizes))
+
+
+def simple(compliance, gaps, outputs=None):
+    """S, and gaps by their constants and slopes, (m, 1 + P)."""
+    m, columns = gaps.shape
+    names = tuple("abcdefghijklmnop"[: columns - 1])
+    box = hhr.ParameterSpace(names, (0.0,) * len(names), (1.0,) * len(names))
+    return hhr.condense_matrices(
+        box,
+        np.linalg.inv(compliance),
+        np.eye(m),
+        np.zeros(gaps.shape),
+        gaps,
+        ["1", *names],
+        areas=np.ones(m),
+        displacement_outputs={} if outputs is None else outputs,
+    )
+
+
+def test_units_of_conditions_may_differ(tmp_path):
+    """A diagonal of S from 1e-18 to 1, not near a singular one but for its units."""
+    units = np.array([1.0, 1e-9, 1.0])
+    rng = np.random.default_rng(0)
+    gaps = units[:, None] * rng.standard_normal((3, 3))
+    coupled = np.outer(units, units) * (np.eye(3) + 0.3)
+    found = hhr.worst(simple(coupled, gaps), "peak")
+    found.save(tmp_path / "proof.npz")
+    assert "proven again" in hhr.check_certificate(tmp_path / "proof.npz")
+
+
+def test_an_s_that_is_definite_by_round_off_alone_proves_nothing(tmp_path):
+    """Its inverse is any matrix."""
+    near = np.array([[1.0, 1.0 - 1e-15], [1.0 - 1e-15, 1.0]])
+    with pytest.raises(FileContentError, match="round-off"):
+        hhr.check_certificate(between_walls(tmp_path, schur=near))
+
+
+def test_a_parameter_with_no_effect_but_round_off_is_not_divided_for_ever():
+    """Corners of the cube differ in status only if two parameters differ: |b + c - 1| is the
+    largest pressure.
+    """
+    found = hhr.worst(
+        simple(np.eye(2), np.array([[-1, 1e-17, 1, 1], [1, 2e-17, -1, -1.0]])), "peak"
+    )
+    assert found.finished and found.boxes < 100
+    assert found.value == pytest.approx(1.0)
+
+
+def test_weights_of_forces_are_exact_beside_a_large_constant():
+    """A force of one moves a stiff body by less than the digits of how loads move it."""
+    rng = np.random.default_rng(0)
+    size, m = 6, 3
+    root = rng.standard_normal((size, size))
+    stiffness = 1e13 * (root @ root.T + size * np.eye(size))
+    rows, tip = rng.standard_normal((m, size)), rng.standard_normal(size)
+    model = hhr.condense_matrices(
+        hhr.ParameterSpace(("a",), (1.0,), (2.0,)),
+        stiffness,
+        rows,
+        1e13 * rng.standard_normal((size, 1)),
+        np.zeros((m, 1)),
+        ["a"],
+        displacement_outputs={"tip": tip},
+    )
+    found = candidates_of(model, "tip", contact_of(model)).weights[0]
+    expected = -np.linalg.solve(stiffness, rows.T).T @ tip
+    assert found == pytest.approx(expected, rel=1e-11)
 
 
 def test_forces_of_a_certificate_need_not_be_right(tmp_path):
@@ -365,6 +507,13 @@ def test_what_cannot_be_proven_is_refused_with_the_reason():
     for wrong in (0.0, -0.1, float("nan")):
         with pytest.raises(ParameterError, match="within"):
             hhr.worst(model, "peak", wrong)
+    with pytest.raises(ParameterError, match="limit = nan"):
+        hhr.worst(model, "peak", limit=float("nan"))
+    with pytest.raises(NotOfferedError, match="not for this str"):
+        hhr.worst("model.npz", "peak")
+    many = simple(np.eye(1), np.ones((1, 14)))
+    with pytest.raises(NotOfferedError, match="12 parameters at most, not for 13"):
+        hhr.worst(many, "peak")
     with pytest.raises(ParameterError, match="largest of"):
         hhr.worst(model, "peak", smallest=True)
     scene = replace(
