@@ -47,7 +47,11 @@ def toys():
         yield
 
 
-OF_OTHERS = {"bolt_force": ("nodal_loads",), "own_system": ("systems",)}
+OF_OTHERS = {
+    "bolt_force": ("nodal_loads",),
+    "own_system": ("systems",),
+    "serendipity": ("second_order",),
+}
 """Plug-ins that a capability needs besides that of its switch."""
 NAMES = [name for name in compose.capabilities() if present(*OF_OTHERS.get(name, ()))]
 ANY = [name for name in ("friction", "opening", "thermal", "young") if name in NAMES]
@@ -81,7 +85,6 @@ def test_contact_opens_and_closes_along_the_path():
     assert len(set(closed)) >= 3 and closed[-1] < max(closed)
 
 
-@needs("second_order")
 @pytest.mark.parametrize("name", NAMES)
 def test_each_capability_answers_and_its_neutral_value_changes_nothing(name):
     rows = {row.verb: row for row in compose_verbs.tried((name,), ("full", "neutral"))}

@@ -98,10 +98,12 @@ def test_wood_condenses_to_round_off(hypothesis, second, tmp_path):
     assert max(apart(kept, found, ("displacement", "forces", "stress"))) < 1e-12
 
 
-@needs("stress", "second_order")
+@needs("stress")
 @pytest.mark.filterwarnings("ignore:body .* has a law, and its cells")
 @pytest.mark.parametrize("graded", [False, True])
-@pytest.mark.parametrize("cells", ["thin", "of_second_order", "solid"])
+@pytest.mark.parametrize(
+    "cells", ["thin", pytest.param("of_second_order", marks=needs("second_order")), "solid"]
+)
 def test_wood_is_elastic_from_the_start(cells, graded):
     """As the same law at Gauss points: forces, displacements, energy to round-off; heated too.
 
