@@ -185,7 +185,8 @@ def digest(source: str, root: Path = ROOT) -> str:
         return hashlib.sha256(" ".join(text.split()).encode()).hexdigest()[:16]
     tree: ast.AST = ast.parse(text)
     if name:
-        found = [node for node in tree.body if getattr(node, "name", None) == name]  # type: ignore[attr-defined]
+        named = (ast.FunctionDef, ast.ClassDef)
+        found = [node for node in tree.body if isinstance(node, named) and node.name == name]
         if not found:
             return "missing"
         (tree,) = found

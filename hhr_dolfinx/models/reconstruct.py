@@ -29,7 +29,7 @@ from hhr_dolfinx.models.whole_surface import (
     ByLaw,
     ByS,
     ByTraining,
-    Way,
+    ForceCompletion,
     WholeForces,
     gradient_of,
 )
@@ -139,7 +139,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return gaps[rows] @ changes - contact_basis[rows] @ gradient_of(answer).unknown
 
     @cached_property
-    def way(self) -> Way:
+    def way(self) -> ForceCompletion:
         """How forces are completed on the whole surface: by the parts that the model has."""
         if self.interface is not None:
             return ByLaw(self.interface)

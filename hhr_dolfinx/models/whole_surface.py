@@ -73,7 +73,7 @@ class WholeForces(Protocol):
         """
 
 
-class Way(Protocol):
+class ForceCompletion(Protocol):
     """How a model completes forces; made once for a model."""
 
     def of(self, of_answer: OfAnswer) -> WholeForces:
@@ -93,7 +93,7 @@ class ByLaw:
     interface: InterfaceCompletion
 
     def of(self, of_answer: OfAnswer) -> WholeForces:
-        """See :class:`Way`."""
+        """See :class:`ForceCompletion`."""
         return _ForcesByLaw(self.interface, of_answer.answer)
 
 
@@ -131,7 +131,7 @@ class ByS:
         return self.bound.prepared(self.within)
 
     def of(self, of_answer: OfAnswer) -> WholeForces:
-        """See :class:`Way`."""
+        """See :class:`ForceCompletion`."""
         return _ForcesByS(self, of_answer)
 
 
@@ -187,7 +187,7 @@ class ByTraining:
         return self.snapshots[self.outer]
 
     def of(self, of_answer: OfAnswer) -> WholeForces:
-        """See :class:`Way`.
+        """See :class:`ForceCompletion`.
 
         Raises:
             ConvergenceError: if the forces could not be fitted.

@@ -23,7 +23,7 @@ _PART_AT_CLEARANCE = 100.0
 """The pressure at touch over that at the clearance c0, by the manuals of CalculiX."""
 
 
-class Curve(ABC):
+class PressureCurve(ABC):
     """A monotone curve of the pressure."""
 
     kind: ClassVar[int]  #: number of its formula in the C kernel
@@ -59,7 +59,7 @@ class Curve(ABC):
 
 
 @dataclass(frozen=True)
-class LinearCurve(Curve):
+class LinearCurve(PressureCurve):
     """p = k h for overlaps."""
 
     kind: ClassVar[int] = 0
@@ -68,20 +68,20 @@ class LinearCurve(Curve):
 
     @property
     def reach(self) -> float:
-        """See :class:`Curve`."""
+        """See :class:`PressureCurve`."""
         return 0.0
 
     def value(self, d: np.ndarray, constants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`Curve`."""
+        """See :class:`PressureCurve`."""
         return constants[0] * d, np.full_like(d, constants[0])
 
     def per_constant(self, d: np.ndarray, constants: np.ndarray) -> np.ndarray:
-        """See :class:`Curve`."""
+        """See :class:`PressureCurve`."""
         return d[:, None]
 
 
 @dataclass(frozen=True)
-class ExponentialCurve(Curve):
+class ExponentialCurve(PressureCurve):
     """p = p0 exp(ln(100) h / c0), p0 at touch and 1 % of it at the gap c0."""
 
     kind: ClassVar[int] = 1
@@ -91,29 +91,29 @@ class ExponentialCurve(Curve):
 
     @property
     def reach(self) -> float:
-        """See :class:`Curve`."""
+        """See :class:`PressureCurve`."""
         return REACH * self.clearance
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """See :class:`Curve`: the rate, and the gap where it begins."""
+        """See :class:`PressureCurve`: the rate, and the gap where it begins."""
         return float(np.log(_PART_AT_CLEARANCE)) / self.clearance, self.reach
 
     def value(self, d: np.ndarray, constants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`Curve`."""
+        """See :class:`PressureCurve`."""
         rate, reach = self.numbers
         with np.errstate(over="ignore"):  # a trial far too deep: infinite, and brought back
             pressure = constants[0] * np.exp(rate * (d - reach))
         return pressure, rate * pressure
 
     def per_constant(self, d: np.ndarray, constants: np.ndarray) -> np.ndarray:
-        """See :class:`Curve`."""
+        """See :class:`PressureCurve`."""
         rate, reach = self.numbers
         return np.exp(rate * (d - reach))[:, None]
 
 
 @dataclass(frozen=True, eq=False)
-class TabularCurve(Curve):
+class TabularCurve(PressureCurve):
     """Pressures at overclosures, straight between them; beyond the last as the last segment."""
 
     kind: ClassVar[int] = 2
@@ -124,17 +124,17 @@ class TabularCurve(Curve):
 
     @property
     def reach(self) -> float:
-        """See :class:`Curve`."""
+        """See :class:`PressureCurve`."""
         return -float(self.overclosures[0])
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """See :class:`Curve`: how many points, their arguments, their pressures."""
+        """See :class:`PressureCurve`: how many points, their arguments, their pressures."""
         begins = self.overclosures - self.overclosures[0]
         return (float(begins.size), *begins.tolist(), *self.pressures.tolist())
 
     def value(self, d: np.ndarray, constants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`Curve`."""
+        """See :class:`PressureCurve`."""
         begins = self.overclosures - self.overclosures[0]
         rises = np.diff(self.pressures) / np.diff(begins)
         segment = np.clip(np.searchsorted(begins, d, side="right") - 1, 0, len(rises) - 1)
@@ -142,5 +142,5 @@ class TabularCurve(Curve):
         return constants[0] * pressure, constants[0] * rises[segment]
 
     def per_constant(self, d: np.ndarray, constants: np.ndarray) -> np.ndarray:
-        """See :class:`Curve`."""
+        """See :class:`PressureCurve`."""
         return self.value(d, np.ones(1))[0][:, None]

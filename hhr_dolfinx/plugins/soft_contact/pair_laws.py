@@ -13,9 +13,9 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import Scalar, check_over_box, formula_of
 from hhr_dolfinx.parameters import is_number
 from hhr_dolfinx.plugins.soft_contact.curves import (
-    Curve,
     ExponentialCurve,
     LinearCurve,
+    PressureCurve,
     TabularCurve,
 )
 from hhr_dolfinx.plugins.soft_contact.laws import SoftContacts
@@ -129,7 +129,7 @@ class SoftContact(PairLaw):
         assert self.table is not None
         return f"soft contact, {len(self.table)} points times {shown}"
 
-    def curve(self, space: ParameterSpace, what: str) -> Curve:
+    def curve(self, space: ParameterSpace, what: str) -> PressureCurve:
         """The curve over a box.
 
         Args:

@@ -128,7 +128,7 @@ def bounded(
     Args:
         contact: the contact problem.
         outputs: the candidates.
-        chosen: numbers of those asked for, (k,).
+        chosen: numbers of those requested, (k,).
         box: the box.
         solutions: forces and motions at its corners, (m + r, 2^d).
 

@@ -193,14 +193,14 @@ def _check(
         upper = np.minimum(np.where(np.isfinite(upper), upper, np.inf), known)
         missing = part.chosen & (upper > limit)
         for child in part.children:
-            missing &= ~_taken(parts, part, parts[child], slopes)
+            missing &= ~_answered(parts, part, parts[child], slopes)
             left.append((child, closed, opened, upper))
         if missing.any():
             largest = upper[missing].max()
             raise ValueError(f"box {number} leaves candidate {missing.argmax()} at {largest:.6g}")
 
 
-def _taken(
+def _answered(
     parts: list[Part], part: Part, child: Part, slopes: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
     """Candidates of a box that a part answers for, (K,) bool: on a face where they are largest, or
@@ -213,13 +213,15 @@ def _taken(
     falls = (slopes[1] <= 0) | ~cut_above
     rises = (slopes[0] >= 0) | ~cut_below
     on_face = (child.lower == child.upper) | ~(cut_above | cut_below)
-    taken: np.ndarray = child.chosen & (falls & rises).all(axis=1) & on_face.all()
+    answered: np.ndarray = child.chosen & (falls & rises).all(axis=1) & on_face.all()
     cut = np.flatnonzero(cut_above | cut_below)
     if cut.size == 1:
         others = [parts[other] for other in part.children if parts[other] is not child]
         for other in others:
-            taken = taken | (child.chosen & other.chosen & _halves(part, child, other, int(cut[0])))
-    return taken
+            answered = answered | (
+                child.chosen & other.chosen & _halves(part, child, other, int(cut[0]))
+            )
+    return answered
 
 
 def _halves(part: Part, one: Part, other: Part, axis: int) -> bool:

@@ -1,7 +1,7 @@
 """The worst case of an output over the box of the parameters, with a proof.
 
 Boxes are divided, the one with the largest bound first, until no bound exceeds the largest value
-found by more than asked for. Where the derivative of a candidate has one sign all over a box, its
+found by more than requested. Where the derivative of a candidate has one sign all over a box, its
 largest value lies on a face: a parameter less to divide. A box whose statuses cannot change has its
 largest value at a corner.
 """
@@ -130,15 +130,15 @@ class WorstCase:
     Attributes:
         output: name of the output.
         unit: its unit.
-        smallest: whether the smallest value was asked for.
+        smallest: whether the smallest value was requested.
         value: the worst value found.
         parameters: where it was found, by name.
         proven: no parameter in the box has a worse value.
         scale: largest size of the output found, to which differences are relative.
-        within: difference asked for, relative.
+        within: difference requested, relative.
         problems: contact problems solved.
         boxes: boxes of the proof.
-        seconds: time taken.
+        seconds: wall time.
         proof: the boxes, for a certificate.
     """
 
@@ -163,7 +163,7 @@ class WorstCase:
 
     @property
     def finished(self) -> bool:
-        """Whether the difference asked for was reached."""
+        """Whether the difference requested was reached."""
         return self.difference <= self.within * (1 + 1e-12)
 
     def never_beyond(self, limit: float) -> bool:
@@ -212,7 +212,7 @@ def worst(
 ) -> WorstCase:
     """The largest value of an output over the box of the parameters, and a proof of it.
 
-    No sample is taken: the value proven holds for each point of the box, up to round-off. It is
+    There is no sample: the value proven holds for each point of the box, up to round-off. It is
     that of the finite element mesh, whose contact problem a condensed model of one stiffness has.
 
     Args:
@@ -261,7 +261,7 @@ def worst(
     if smallest:
         outputs = _smallest(outputs, output)
     sign = -1.0 if smallest else 1.0
-    search = _Search(model, contact, outputs, within, None if limit is None else sign * limit)
+    search = _BoxSearch(model, contact, outputs, within, None if limit is None else sign * limit)
     start = now()
     proof = search.run(start + seconds)
     functionals = model.fields.functionals
@@ -297,7 +297,7 @@ def _smallest(outputs: Candidates, name: str) -> Candidates:
     return outputs.negative()
 
 
-class _Search:
+class _BoxSearch:
     """Branch and bound over the unit cube."""
 
     def __init__(
