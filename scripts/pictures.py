@@ -183,10 +183,11 @@ def digest(source: str, root: Path = ROOT) -> str:
     text = path.read_text()
     if path.suffix != ".py":
         return hashlib.sha256(" ".join(text.split()).encode()).hexdigest()[:16]
-    tree: ast.AST = ast.parse(text)
+    module = ast.parse(text)
+    tree: ast.AST = module
     if name:
         named = (ast.FunctionDef, ast.ClassDef)
-        found = [node for node in tree.body if isinstance(node, named) and node.name == name]
+        found = [node for node in module.body if isinstance(node, named) and node.name == name]
         if not found:
             return "missing"
         (tree,) = found
