@@ -172,7 +172,8 @@ def _refused(model: AnsweringModel) -> str:
     if law.plugin:
         return "pairs without a law of their own"
     if eliminated.amplitudes.nonaffine:
-        return "loads and gaps that are affine in the parameters, and a formula here is not"
+        return "loads and gaps by amplitudes that are affine in the parameters, and not by formulas "
+            "of several: write hhr.Amplitude(constant, slopes)"
     return ""
 
 

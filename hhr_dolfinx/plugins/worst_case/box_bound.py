@@ -29,6 +29,10 @@ NEGLIGIBLE = 1e-9
 """Largest products of corners that differ in one side, over all products, that say nothing of the
 parameter to divide.
 """
+TINY = 1e-13
+"""Slack of closed conditions, relative to its terms, that is round-off and counts as lacking: the
+root of its product with the force would be 1e-8 of the value.
+"""
 PASSES = 3
 """Most rounds in which conditions that turn out to be sure sharpen the bound of the others: later
 ones changed nothing in the cases tried.
@@ -229,7 +233,16 @@ class Remaining:
     @cached_property
     def products(self) -> np.ndarray:
         """λ_v^T s_w of all pairs of corners, (2^d, 2^d)."""
-        return self.forces.T @ np.maximum(self.slack, 0.0)
+        return self.forces.T @ (self.slack - self.lack)
+
+    @cached_property
+    def lack(self) -> np.ndarray:
+        """Slack that is negative or no more than round-off, else zero, (u, 2^d).
+
+        The distance holds for any part of the slack, as long as the rest is not negative.
+        """
+        terms = np.abs(self.free) @ np.abs(self.at_corners) + np.abs(self.schur) @ self.forces
+        return np.where(self.slack <= TINY * terms, self.slack, 0.0)
 
     @cached_property
     def along(self) -> np.ndarray:
@@ -252,13 +265,13 @@ class Remaining:
         """Bound of |λ - λ̂|_M over the box.
 
         With p_k = 2 x_k (1 - x_k) <= 1/2, λ̂^T ŝ is at most affine in each p_k: its maximum is where
-        these are 0 or 1/2. Negative slacks of round-off have a residual of their own.
+        these are 0 or 1/2. Slacks of round-off have a residual of their own.
         """
         means = self.along
         for axis in range(means.ndim):
             first, second = np.split(means, 2, axis=axis)
             means = np.concatenate([first, 0.5 * (first + second)], axis=axis)
-        lack = np.minimum(self.slack, 0.0)
+        lack = self.lack
         residual = np.sqrt(np.einsum("uc,uv,vc->c", lack, self.inverse, lack, optimize=True))
         half = 0.5 * float(residual.max(initial=0.0))
         return half + float(np.sqrt(half**2 + max(means.max(), 0.0)))

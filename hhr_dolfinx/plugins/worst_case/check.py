@@ -31,6 +31,10 @@ DEFINITE = 1e-12
 """Least eigenvalue of S with a diagonal of 1 to 4: round-off of its inverse falsifies the bounds of
 a problem that is nearer to a singular one.
 """
+TINY = 1e-13
+"""Round-off of slopes, and of the slack of closed conditions, relative to their terms: the latter
+counts as lacking, since the root of its product with the force would be much larger.
+"""
 LARGE = 1e100
 """Largest size of numbers, and with its reciprocal of those that are not zero: squares of others
 leave the range of double precision.
@@ -192,6 +196,9 @@ def _check(
         closed, opened, upper, slopes = _bounds(problem, outputs, part, closed, opened)
         upper = np.minimum(np.where(np.isfinite(upper), upper, np.inf), known)
         missing = part.chosen & (upper > limit)
+        # an end of the slopes of a single condition is zero but for round-off
+        loss = TINY * (np.abs(slopes[0]) + np.abs(slopes[1]))
+        slopes = slopes[0] + loss, slopes[1] - loss
         for child in part.children:
             missing &= ~_answered(parts, part, parts[child], slopes)
             left.append((child, closed, opened, upper))
@@ -308,10 +315,11 @@ class _Rest:
 
     def _distance(self) -> float:
         """How far solutions are from the interpolated forces, in the norm of M."""
-        lack = np.minimum(self.slack, 0)
+        terms = np.abs(self.free) @ np.abs(self.at) + np.abs(self.M) @ self.forces
+        lack = np.where(self.slack <= TINY * terms, self.slack, 0)
         squares = np.sum(lack * (self.inverse @ lack), axis=0)
         residual = np.sqrt(squares.max(initial=0.0))
-        products = self.forces.T @ np.maximum(self.slack, 0)
+        products = self.forces.T @ (self.slack - lack)
         number = len(self.free_sides)
         largest = np.zeros(2**number)
         corners = np.arange(2**number)

@@ -426,6 +426,21 @@ def simple(compliance, gaps, outputs=None):
     )
 
 
+@pytest.mark.parametrize("compliance", [0.3, 2.31497503, 0.7, 1.9, 5.3, 11.7])
+def test_slopes_that_end_at_zero_are_proven_again(compliance, tmp_path):
+    """A single condition that closes in the box: its force rises by zero or more, but for
+    round-off, which differs between the search and the checker.
+    """
+    found = hhr.worst(simple(np.array([[compliance]]), np.array([[0.5, -1.0]])), "peak")
+    assert found.proven == pytest.approx(0.5 / compliance)
+    model = simple(np.array([[compliance]]), np.array([[0.5, -1.0]]), {"moved": [1.0]})
+    highest = hhr.worst(model, "moved")
+    assert highest.proven == 0.0
+    for proof in (found, highest):
+        proof.save(tmp_path / "proof.npz")
+        assert "proven again" in hhr.check_certificate(tmp_path / "proof.npz")
+
+
 def test_units_of_conditions_may_differ(tmp_path):
     """A diagonal of S from 1e-18 to 1, not near a singular one but for its units."""
     units = np.array([1.0, 1e-9, 1.0])
