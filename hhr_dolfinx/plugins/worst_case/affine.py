@@ -172,8 +172,10 @@ def _refused(model: AnsweringModel) -> str:
     if law.plugin:
         return "pairs without a law of their own"
     if eliminated.amplitudes.nonaffine:
-        return "loads and gaps by amplitudes that are affine in the parameters, and not by formulas "
-            "of several: write hhr.Amplitude(constant, slopes)"
+        return (
+            "loads and gaps by amplitudes that are affine in the parameters, and not by formulas: "
+            "write hhr.Amplitude(constant, slopes)"
+        )
     return ""
 
 
