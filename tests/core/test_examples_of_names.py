@@ -47,6 +47,7 @@ NAMES = {
     "Scene": (),
     "Shape": ("shapes",),
     "Sobol": (),
+    "SoftContact": ("soft_contact",),
     "Springs": ("nodal_loads", "elasticity"),
     "StressAt": ("stress",),
     "ThermalExpansion": ("volume_loads",),

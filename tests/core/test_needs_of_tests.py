@@ -1,6 +1,7 @@
 """Files of tests import plug-ins that may be deleted only if they are left out without these."""
 
 import ast
+import functools
 from pathlib import Path
 
 import conftest
@@ -27,13 +28,16 @@ FILES = sorted(TESTS.glob("*/test_*.py")) + sorted(TESTS.glob("plugins/*/test_*.
 del HELPERS["conftest"]  # which tests have without an import
 
 
+@functools.cache
 def imported(path):
     """Modules that a file imports at once, those of a condition or of a function left out."""
+    found = []
     for node in ast.parse(path.read_text()).body:
         if isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
+            found.append(node.module)
         elif isinstance(node, ast.Import):
-            yield from (name.name for name in node.names)
+            found += [name.name for name in node.names]
+    return found
 
 
 def used(path, seen=()):
