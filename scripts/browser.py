@@ -1,9 +1,10 @@
 """Pictures of HTML pages by Chromium, over the pipe of its developer tools.
 
-Needs no package: messages are JSON, each ended by a zero byte.
+Messages are JSON, each ended by a zero byte.
 """
 
 import base64
+import io
 import json
 import os
 import shutil
@@ -14,6 +15,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from PIL import Image
+
+WINDOW = 1100, 1400
+"""Width and height of the window, in pixels of the page."""
 SCALE = 2
 """Pixels of a picture for one of the page."""
 WAIT = 60.0
@@ -24,22 +29,21 @@ class MissingProgramError(RuntimeError):
     """No browser is there."""
 
 
-class Page:
-    """An HTML file in a browser that nobody sees.
+PROGRAM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
+"""Path of the browser; None without one."""
 
-    Args:
-        file: the page.
-        width, height: of the window, in pixels of the page.
-        address: what follows ``#``.
+
+class Page:
+    """A browser that nobody sees, with one HTML file at a time.
 
     Raises:
         MissingProgramError: without Chromium or Chrome.
     """
 
-    def __init__(self, file: Path, width: int, height: int, address: str = ""):
-        names = ("chromium", "chromium-browser", "google-chrome")
-        program = next(filter(None, map(shutil.which, names)), None)
-        if program is None:
+    def __init__(self) -> None:
+        if PROGRAM is None:
             raise MissingProgramError("pictures of pages need Chromium, which is not there")
         self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         words = ["--headless", "--no-sandbox", "--no-first-run", "--hide-scrollbars"]
@@ -54,7 +58,7 @@ class Page:
             os.dup2(told, 4)
 
         self._run = subprocess.Popen(
-            [program, *words], pass_fds=(3, 4), preexec_fn=numbered, stderr=subprocess.DEVNULL
+            [PROGRAM, *words], pass_fds=(3, 4), preexec_fn=numbered, stderr=subprocess.DEVNULL
         )
         os.close(asked)
         os.close(told)
@@ -64,14 +68,26 @@ class Page:
         self._session = attached["sessionId"]
         self._ask(
             "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
+            width=WINDOW[0],
+            height=WINDOW[1],
             deviceScaleFactor=SCALE,
             mobile=False,
         )
+
+    def open(self, file: Path, address: str = "") -> None:
+        """Open a file, in the place of the one before.
+
+        Args:
+            file: the page.
+            address: what follows ``#``.
+        """
+        self._ask("Page.navigate", url="about:blank")  # else only the address may change
         uri = file.resolve().as_uri() + (f"#{address}" if address else "")
         self._ask("Page.navigate", url=uri)
-        self.wait_for("document.readyState === 'complete' && document.body !== null")
+        self.wait_for(
+            "location.protocol === 'file:' && document.readyState === 'complete' "
+            "&& document.body !== null"
+        )
 
     def __enter__(self) -> "Page":
         return self
@@ -153,5 +169,7 @@ class Page:
             box[3] = min(box[3], height)
         clip = dict(zip(("x", "y", "width", "height"), box, strict=True)) | {"scale": 1}
         shot = self._ask("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)
-        path.write_bytes(base64.b64decode(shot["data"]))
+        # 256 colours of its own are all that such a page shows, in a third of the bytes
+        image = Image.open(io.BytesIO(base64.b64decode(shot["data"]))).convert("RGB")
+        image.quantize(256).save(path, optimize=True)
         return path

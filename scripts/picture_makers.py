@@ -14,7 +14,6 @@ ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "out" / "pictures"
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # small problems get no faster by more
 
-import dolfinx  # noqa: E402, F401
 import numpy as np  # noqa: E402
 
 import hhr_dolfinx as hhr  # noqa: E402
@@ -146,8 +145,6 @@ def _page(name: str, model: Any, full: Any) -> Path:
     return hhr.write_model_page(OUT / f"{name}.html", model, hhr.scenery_of(full))
 
 
-WIDTH = 1100
-"""Of the window of a browser, in pixels of a page."""
 READY = "document.documentElement.dataset.converged === 'true'"
 """A page that has answered."""
 
@@ -193,7 +190,8 @@ def of_pellet_page() -> Path:
     scene = dataclasses.replace(_with_units(demo.scene()), outputs=outputs)
     full = hhr.FullOrderModel(scene)
     file = _page("pellet_page", hhr.condense(full), full)
-    with Page(file, WIDTH, 1400, "P1=150&h1=4") as page:
+    with Page() as page:
+        page.open(file, "P1=150&h1=4")
         return _shown(page, OUT / "page.png")
 
 
@@ -204,7 +202,8 @@ def of_friction_page() -> Path:
 
     full = hhr.FullOrderModel(dataclasses.replace(demo.scene(), outputs=()))
     file = _page("friction_page", hhr.condense(full), full)
-    with Page(file, WIDTH, 1400, "push=0&shear=0&friction=0.5") as page:
+    with Page() as page:
+        page.open(file, "push=0&shear=0&friction=0.5")
         page.wait_for(READY)
         _chosen(page, "over", "shear")
         _chosen(page, "drawn", "along x")
@@ -225,7 +224,8 @@ def of_flow_page() -> Path:
     paths = [demo.path(*values) for values in hhr.Sobol(12).points(box)]
     training = hhr.train(scene, paths)
     file = _page("flow_page", training.condense(), training.full_order)
-    with Page(file, WIDTH, 1400, "depth=0&sy=150&H=5000") as page:
+    with Page() as page:
+        page.open(file, "depth=0&sy=150&H=5000")
         page.wait_for(READY)
         _chosen(page, "over", "depth")
         _chosen(page, "drawn", "force")
@@ -242,7 +242,8 @@ def of_stress_page() -> Path:
     scene = demo.scene(sphere_cells=(14, 7), block_cells=(12, 6))
     full = hhr.FullOrderModel(_with_units(scene))
     file = _page("stress_page", hhr.condense(full), full)
-    with Page(file, WIDTH, 1400, "push=0.2&squeeze=60") as page:
+    with Page() as page:
+        page.open(file, "push=0.2&squeeze=60")
         page.wait_for(READY)
         _chosen(page, "component", "von Mises")
         return page.picture(OUT / "page_stress.png", part="#shape")
@@ -254,6 +255,7 @@ def of_report() -> Path:
 
     # the report is of the small size, which its first line states
     of_run("demos/press_fit.py", "report.html", "--quick")
-    with Page(OUT / "press_fit" / "report.html", WIDTH, 1400) as page:
+    with Page() as page:
+        page.open(OUT / "press_fit" / "report.html")
         script = "document.querySelector('.charts figure').getBoundingClientRect().bottom + 12"
         return page.picture(OUT / "report.png", height=page.run(script))

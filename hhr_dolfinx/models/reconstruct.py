@@ -61,7 +61,7 @@ class _OfAnswer:
     @cached_property
     def whole(self) -> WholeForces:
         """Forces on the whole surface."""
-        return self.fields.way.of(self)
+        return self.fields.completion.of(self)
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return gaps[rows] @ changes - contact_basis[rows] @ gradient_of(answer).unknown
 
     @cached_property
-    def way(self) -> ForceCompletion:
+    def completion(self) -> ForceCompletion:
         """How forces are completed on the whole surface: by the parts that the model has."""
         if self.interface is not None:
             return ByLaw(self.interface)
@@ -200,7 +200,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
     def forces(self, answer: Answer) -> np.ndarray:
         """Contact forces on all conditions, (N_lambda,): those of the model inside the RID, outside
-        by its :attr:`way`.
+        by its :attr:`completion`.
         """
         if not answer.converged:
             return np.full(len(self.gaps), np.nan)
@@ -277,9 +277,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     def estimates(self, many: ManyAnswers) -> Estimates | None:
         """Estimates of many answers at once; None if they are made one by one."""
         bound = self.bound
-        if bound is None or bound.together == 1 or not isinstance(self.way, ByS):
+        if bound is None or bound.together == 1 or not isinstance(self.completion, ByS):
             return None
-        outside = self.way.outside
+        outside = self.completion.outside
 
         def bounded(rows: np.ndarray) -> Estimates:
             theta = self.amplitudes.of_many(many.points[rows])

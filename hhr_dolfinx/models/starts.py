@@ -49,8 +49,7 @@ class KnownStatuses(Rebuilt):
         """Statuses at points that are solved one after the other, each from those of the nearest
         one before.
 
-        With 312 conditions and 64 points of one parameter this factors 25 dense blocks; searches
-        from the sign of the slack factored 94.
+        Neighbours mostly have the same statuses, whose factors are kept.
 
         Args:
             solve: answers a point, (P,), from statuses, (m,) bool, or None for none.

@@ -20,6 +20,7 @@ import ufl
 from cubes_in_files import (
     CUBES,
     DECK,
+    EDGES_OF_A_CUBE,
     FACES,
     NAMES,
     NUMBERS,
@@ -493,20 +494,7 @@ def test_blocks_of_faces_and_lines_of_exodus(kind, tmp_path):
 
 EDGES = {
     "C3D10": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
-    "C3D20": (
-        (0, 1),
-        (1, 2),
-        (2, 3),
-        (3, 0),
-        (4, 5),
-        (5, 6),
-        (6, 7),
-        (7, 4),
-        (0, 4),
-        (1, 5),
-        (2, 6),
-        (3, 7),
-    ),
+    "C3D20": EDGES_OF_A_CUBE,
     "CPE6": ((0, 1), (1, 2), (2, 0)),
 }
 SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))

@@ -152,6 +152,11 @@ PLACED = (
 )
 
 
+BELOW = ((0, 1), (1, 2), (2, 3), (3, 0))
+ABOVE = ((4, 5), (5, 6), (6, 7), (7, 4))
+UPRIGHT = ((0, 4), (1, 5), (2, 6), (3, 7))
+EDGES_OF_A_CUBE = (*BELOW, *ABOVE, *UPRIGHT)
+"""Corners of the edges of C3D20, in the order of the nodes on them by the manual of Abaqus."""
 SQUARE = ((0, 0), (2, 0), (2, 1), (0, 1))
 SECOND = {
     "CPE8": ([(*p, 0) for p in SQUARE], ((0, 1), (1, 2), (2, 3), (3, 0)), 2),
@@ -163,20 +168,7 @@ SECOND = {
     ),
     "C3D20R": (
         [(*p, z) for z in (0, 1) for p in SQUARE],
-        (
-            (0, 1),
-            (1, 2),
-            (2, 3),
-            (3, 0),
-            (4, 5),
-            (5, 6),
-            (6, 7),
-            (7, 4),
-            (0, 4),
-            (1, 5),
-            (2, 6),
-            (3, 7),
-        ),
+        EDGES_OF_A_CUBE,
         2,
     ),
 }

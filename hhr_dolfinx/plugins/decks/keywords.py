@@ -225,8 +225,8 @@ _OF_CONTACT = {
         **{
             "PRESSURE-OVERCLOSURE=*": (
                 "contact is hard here, surfaces do not overlap. law=hhr.SoftContact(stiffness=K) "
-                "of the pair has the line of LINEAR, exponential=(C0, P0) and "
-                "table=((OVERCLOSURE, PRESSURE), ...) those of EXPONENTIAL and TABULAR"
+                "of the pair has the line of LINEAR, table=((OVERCLOSURE, PRESSURE), ...) that of "
+                "TABULAR, exponential=(C0, P0) that of EXPONENTIAL in CalculiX (Abaqus has another)"
             ),
             "PRESSURE-OVERCLOSURE=TIED": (
                 "surfaces touch and may open and slide here: write hhr.Tie(SLAVE, MASTER) in "

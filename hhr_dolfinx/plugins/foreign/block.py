@@ -108,10 +108,18 @@ class ForeignBlock(KnownArguments):
         Warns:
             SceneWarning: without a case.
         """
+        _ = self.difference
+        return self.read[0]
+
+    @cached_property
+    def difference(self) -> float | None:
+        """Largest difference from its solved case, by factors of its own K; None without a case.
+
+        Raises:
+            SceneError: if it is beyond the tolerance of the case.
+        """
         block, case = self.read
-        if case is not None:
-            compare_case(block, case, self.name)
-        return block
+        return None if case is None else compare_case(block, case, self.name)
 
     @cached_property
     def read(self) -> tuple[Placed, SolvedCase | None]:

@@ -88,14 +88,13 @@ class Parts:
         """K and nodes of each block."""
         return tuple(block.read[0] for block in self.blocks)
 
-    def compare(self) -> None:
-        """Compare each block with its solved case, by factors of its own K.
+    def compare(self) -> list[float | None]:
+        """Difference of each block from its solved case, compared once; None without a case.
 
         Raises:
             SceneError: for a block whose case differs.
         """
-        for block in self.blocks:
-            block.placed  # noqa: B018 (compares once)
+        return [block.difference for block in self.blocks]
 
     @cached_property
     def firsts(self) -> np.ndarray:

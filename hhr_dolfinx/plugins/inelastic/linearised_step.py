@@ -276,11 +276,8 @@ class LinearisedStepper(Stepper):
             self._demand_borne(statuses.status, flowed)
             imbalance = model.norms(residual - model.contact_load(statuses.forces))
             # each body by its own forces, or if it is unloaded by its largest forces before
-            sizes = np.maximum(scale, self._forces)
-            small = settings.relative_force * sizes
-            if (imbalance <= small).all() or (
-                imbalance <= small + model.round_off(x, theta) + ROUND_OFF_FORCE * sizes.max()
-            ).all():
+            small = settings.relative_force * np.maximum(scale, self._forces)
+            if self._in_balance(imbalance, small, scale, x, theta):
                 # the more expensive of the two criteria comes last
                 remaining = _stress_change(linear, model.strain_of(change))
                 largest = max(self._stress, self._mean(update.stress))
@@ -324,6 +321,20 @@ class LinearisedStepper(Stepper):
         except (NotSolvableError, np.linalg.LinAlgError) as error:
             place = self.model.together.place(flowed)
             raise Diverged(f"{error}, a singular tangent", place) from None
+
+    def _in_balance(
+        self,
+        imbalance: np.ndarray,
+        small: np.ndarray,
+        scale: np.ndarray,
+        x: np.ndarray,
+        theta: Theta,
+    ) -> bool:
+        """Whether the imbalance of each body, (bodies,), is small, or no more than round-off."""
+        if (imbalance <= small).all():
+            return True
+        of_contact = ROUND_OFF_FORCE * np.maximum(scale, self._forces).max()
+        return bool((imbalance <= small + self.model.round_off(x, theta) + of_contact).all())
 
     def _demand_borne(self, status: Status, flowed: np.ndarray) -> None:
         """Raise Diverged if the linearised contact problem was not solved."""

@@ -1,7 +1,8 @@
 """Curves of pressure over overclosure, as numbers: what the law and its C kernel evaluate.
 
 The overclosure h is positive where surfaces overlap, negative across a gap. A curve acts from h =
--reach on; its argument d = h + reach is not negative there.
+-reach on; its argument d = h + reach is not negative there. Each is a factor, which may depend on
+parameters, times a shape, which does not.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class PressureCurve(ABC):
     """A monotone curve of the pressure."""
 
     kind: ClassVar[int]  #: number of its formula in the C kernel
-    scalars: tuple[Scalar, ...]  #: constants that may depend on parameters
+    factor: Scalar  #: of the shape
 
     @property
     @abstractmethod
@@ -35,21 +36,11 @@ class PressureCurve(ABC):
         """Gap at which the pressure begins; negative if surfaces overlap freely at first."""
 
     @abstractmethod
-    def value(self, d: np.ndarray, constants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pressures and their derivatives, (k,) each.
+    def shape(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pressures over the factor, and their derivatives, (k,) each.
 
         Args:
             d: overclosure from where the curve begins, not negative, (k,).
-            constants: values of the scalars.
-        """
-
-    @abstractmethod
-    def per_constant(self, d: np.ndarray, constants: np.ndarray) -> np.ndarray:
-        """Derivatives of the pressures along the constants, (k, c).
-
-        Args:
-            d: overclosure from where the curve begins, not negative, (k,).
-            constants: values of the scalars.
         """
 
     @property
@@ -64,20 +55,16 @@ class LinearCurve(PressureCurve):
 
     kind: ClassVar[int] = 0
 
-    scalars: tuple[Scalar, ...]
+    factor: Scalar
 
     @property
     def reach(self) -> float:
         """See :class:`PressureCurve`."""
         return 0.0
 
-    def value(self, d: np.ndarray, constants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def shape(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`PressureCurve`."""
-        return constants[0] * d, np.full_like(d, constants[0])
-
-    def per_constant(self, d: np.ndarray, constants: np.ndarray) -> np.ndarray:
-        """See :class:`PressureCurve`."""
-        return d[:, None]
+        return d, np.ones_like(d)
 
 
 @dataclass(frozen=True)
@@ -86,7 +73,7 @@ class ExponentialCurve(PressureCurve):
 
     kind: ClassVar[int] = 1
 
-    scalars: tuple[Scalar, ...]
+    factor: Scalar
     clearance: float
 
     @property
@@ -99,17 +86,12 @@ class ExponentialCurve(PressureCurve):
         """See :class:`PressureCurve`: the rate, and the gap where it begins."""
         return float(np.log(_PART_AT_CLEARANCE)) / self.clearance, self.reach
 
-    def value(self, d: np.ndarray, constants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def shape(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`PressureCurve`."""
         rate, reach = self.numbers
         with np.errstate(over="ignore"):  # a trial far too deep: infinite, and brought back
-            pressure = constants[0] * np.exp(rate * (d - reach))
+            pressure = np.exp(rate * (d - reach))
         return pressure, rate * pressure
-
-    def per_constant(self, d: np.ndarray, constants: np.ndarray) -> np.ndarray:
-        """See :class:`PressureCurve`."""
-        rate, reach = self.numbers
-        return np.exp(rate * (d - reach))[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +100,7 @@ class TabularCurve(PressureCurve):
 
     kind: ClassVar[int] = 2
 
-    scalars: tuple[Scalar, ...]
+    factor: Scalar
     overclosures: Annotated[Floats, "points of the curve"]
     pressures: Annotated[Floats, "points of the curve"]
 
@@ -133,14 +115,10 @@ class TabularCurve(PressureCurve):
         begins = self.overclosures - self.overclosures[0]
         return (float(begins.size), *begins.tolist(), *self.pressures.tolist())
 
-    def value(self, d: np.ndarray, constants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def shape(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`PressureCurve`."""
         begins = self.overclosures - self.overclosures[0]
         rises = np.diff(self.pressures) / np.diff(begins)
         segment = np.clip(np.searchsorted(begins, d, side="right") - 1, 0, len(rises) - 1)
         pressure = self.pressures[segment] + rises[segment] * (d - begins[segment])
-        return constants[0] * pressure, constants[0] * rises[segment]
-
-    def per_constant(self, d: np.ndarray, constants: np.ndarray) -> np.ndarray:
-        """See :class:`PressureCurve`."""
-        return self.value(d, np.ones(1))[0][:, None]
+        return pressure, rises[segment]

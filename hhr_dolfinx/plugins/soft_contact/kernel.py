@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.plugins.soft_contact.laws import SoftContacts
 
 _TEXT = """
-/* Numbers of a row: area, place of its constant, gap where its pressure begins, kind, curve. */
+/* Numbers of a row: area, place of its factor, gap where its pressure begins, kind, curve. */
 static double model_soft_contact_curve(const model_own *own, double d, double *slope) {
     const double area = own->numbers[0], factor = area * own->values[(int)own->numbers[1]];
     const double *more = own->numbers + 4;
@@ -45,26 +45,25 @@ class SoftKernel:
     text = _TEXT
 
     def numbers(self, law: SoftContacts) -> np.ndarray:
-        """Area of each row, place of its constant, its reach, kind and curve, (k, c).
+        """Area of each row, place of its factor, its reach, kind and curve, (k, c).
 
         Args:
             law: the law of all rows.
         """
-        firsts = np.cumsum([0, *(len(curve.scalars) for curve in law.curves)])
         longest = max(len(curve.numbers) for curve in law.curves)
         padded = np.zeros((len(law.curves), 3 + longest))
-        for row, curve, first in zip(padded, law.curves, firsts[:-1], strict=True):
-            told = (float(first), curve.reach, float(curve.kind), *curve.numbers)
-            row[: len(told)] = told
+        for place, curve in enumerate(law.curves):
+            told = (float(place), curve.reach, float(curve.kind), *curve.numbers)
+            padded[place, : len(told)] = told
         return np.column_stack([law.area, padded[law.number]])
 
     def formulas(self, law: SoftContacts) -> list[Scalar]:
-        """Constants of all curves, in turn.
+        """Factors of all curves, in turn.
 
         Args:
             law: the law of all rows.
         """
-        return [scalar for curve in law.curves for scalar in curve.scalars]
+        return [curve.factor for curve in law.curves]
 
 
 KERNEL = SoftKernel()

@@ -42,8 +42,7 @@ class SoftContacts(ContactLaw):
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
         told: list[str | np.ndarray] = [self.area, self.number]
         for curve in self.curves:
-            told += [str(curve.kind), np.array(curve.numbers)]
-            told += [scalar.text for scalar in curve.scalars]
+            told += [str(curve.kind), np.array(curve.numbers), curve.factor.text]
         return told
 
     def opened(self, memory: Memory) -> np.ndarray:
@@ -87,29 +86,29 @@ class SoftStep(CurveStep):
         self._law = law
         self._point = point
         self._rows = [np.flatnonzero(law.number == k) for k in range(len(law.curves))]
-        self._constants = [
-            np.array([scalar.value(point) for scalar in curve.scalars]) for curve in law.curves
+        self._factors = [
+            law.area[rows] * curve.factor.value(point)
+            for curve, rows in zip(law.curves, self._rows, strict=True)
         ]
 
     def curve(self, closure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.CurveStep`."""
         force = np.empty_like(closure)
         slope = np.empty_like(closure)
-        for curve, rows, constants in zip(
-            self._law.curves, self._rows, self._constants, strict=True
-        ):
-            force[rows], slope[rows] = curve.value(closure[rows], constants)
-        return self._law.area * force, self._law.area * slope
+        for curve, rows, factor in zip(self._law.curves, self._rows, self._factors, strict=True):
+            pressure, rise = curve.shape(closure[rows])
+            force[rows] = factor * pressure
+            slope[rows] = factor * rise
+        return force, slope
 
     def curve_slopes(self, closure: np.ndarray) -> np.ndarray:
         """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.CurveStep`."""
         slopes = np.zeros((closure.size, self._point.size))
-        for curve, rows, constants in zip(
-            self._law.curves, self._rows, self._constants, strict=True
-        ):
-            along = np.array([scalar.derivative(self._point) for scalar in curve.scalars])
-            slopes[rows] = curve.per_constant(closure[rows], constants) @ along
-        return self._law.area[:, None] * slopes
+        for curve, rows in zip(self._law.curves, self._rows, strict=True):
+            pressure, _ = curve.shape(closure[rows])
+            along = curve.factor.derivative(self._point)
+            slopes[rows] = np.outer(self._law.area[rows] * pressure, along)
+        return slopes
 
     def after(self, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> Memory:
         """The overclosure from where curves begin, for outputs of gaps; no increment reads it."""

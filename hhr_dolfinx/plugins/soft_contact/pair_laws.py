@@ -106,22 +106,21 @@ class SoftContact(PairLaw):
             raise SceneError("the table of soft contact has no pressure")
 
     @property
-    def _formulas(self) -> tuple[float | str, ...]:
-        """The constants that may be formulas."""
+    def _factor(self) -> float | str:
+        """The constant that may be a formula."""
         if self.stiffness is not None:
-            return (self.stiffness,)
-        return (self.scale,) if self.exponential is None else (self.exponential[1],)
+            return self.stiffness
+        return self.scale if self.exponential is None else self.exponential[1]
 
     @property
     def texts(self) -> tuple[str, ...]:
         """See :class:`~hhr_dolfinx.contact.law.PairLaw`."""
-        return tuple(value for value in self._formulas if isinstance(value, str))
+        return (self._factor,) if isinstance(self._factor, str) else ()
 
     @property
     def words(self) -> str:
         """See :class:`~hhr_dolfinx.contact.law.PairLaw`."""
-        value = self._formulas[0]
-        shown = str(value) if isinstance(value, str) else f"{value:g}"
+        shown = self._factor if isinstance(self._factor, str) else f"{self._factor:g}"
         if self.stiffness is not None:
             return f"soft contact, {shown} per length"
         if self.exponential is not None:
@@ -139,15 +138,15 @@ class SoftContact(PairLaw):
         Raises:
             SceneError: for a constant that is not positive all over the box.
         """
-        value = self._formulas[0]
-        scalar = Scalar(formula_of(value, f"soft contact of {what}").text, space.names)
-        check_over_box(scalar, space, f"soft contact of {what}", 0.0, np.inf, _POSITIVE)
+        text = formula_of(self._factor, f"soft contact of {what}").text
+        factor = Scalar(text, space.names)
+        check_over_box(factor, space, f"soft contact of {what}", 0.0, np.inf, _POSITIVE)
         if self.stiffness is not None:
-            return LinearCurve((scalar,))
+            return LinearCurve(factor)
         if self.exponential is not None:
-            return ExponentialCurve((scalar,), float(self.exponential[0]))
+            return ExponentialCurve(factor, float(self.exponential[0]))
         points = np.array(self.table, dtype=float)
-        return TabularCurve((scalar,), points[:, 0].copy(), points[:, 1].copy())
+        return TabularCurve(factor, points[:, 0].copy(), points[:, 1].copy())
 
     def check(self, scene: Any, what: str) -> None:
         """See :class:`~hhr_dolfinx.contact.law.PairLaw`."""

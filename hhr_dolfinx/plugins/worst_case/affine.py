@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 import numpy as np
 
 from hhr_dolfinx.errors import NotOfferedError, ParameterError
-from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 from hhr_dolfinx.models.functionals.kinds import Largest, Linear
 
 if TYPE_CHECKING:
@@ -76,7 +75,7 @@ class AffineContact:
         free: f_0, (m,).
         slopes: G, (m, P).
         space: the box of the parameters, which the unit cube stands for.
-        motions: R, each column with the largest entry 1, (m, r).
+        motions: R, in units that make the largest entry of each column 1, (m, r).
         driving: d_0 and its slopes, (r, 1 + P).
     """
 
@@ -145,16 +144,6 @@ def elimination_of(model: AnsweringModel) -> Eliminated:
     return cast("Eliminated", cast("CondensedModel", model).eliminated)
 
 
-def _motions_of(eliminated: Eliminated) -> tuple[np.ndarray, np.ndarray] | None:
-    """R, (m, r), and loads along the motions, (r, 1 + T), none of held bodies; None of others."""
-    count = eliminated.responses.free_slack.shape[1]
-    if isinstance(eliminated, ConstantElimination):
-        return np.zeros((len(eliminated.responses.schur), 0)), np.zeros((0, count))
-    motions = getattr(eliminated, "taken", None)
-    driving = getattr(eliminated, "driving", None)
-    return None if motions is None or driving is None else (motions, driving)
-
-
 def _refused(model: AnsweringModel) -> str:
     """What a proof needs and the model lacks; empty if it has all."""
     eliminated: Any = getattr(model, "eliminated", None)
@@ -164,7 +153,7 @@ def _refused(model: AnsweringModel) -> str:
             "answers that depend on the parameters alone; friction and other laws with memory "
             "depend on the path"
         )
-    if law is None or not hasattr(eliminated, "responses") or _motions_of(eliminated) is None:
+    if law is None or not hasattr(eliminated, "responses"):
         return (
             f"condensed models of one stiffness, hhr.condense(scene), and not for this "
             f"{type(model).__name__}"
@@ -192,20 +181,27 @@ def contact_of(model: AnsweringModel) -> AffineContact:
             "the worst case is proven for a symmetric S; this one is that of a reduced model whose "
             "rows and columns differ: condense the scene instead"
         )
-    theta = eliminated.amplitudes
     space = model.parameters
     lower = np.asarray(space.lower, dtype=float)
-    width = np.asarray(space.upper) - lower
-    terms = eliminated.responses.free_slack
-    start = theta.constant + theta.slopes @ lower
-    along = theta.slopes * width
-    found = _motions_of(eliminated)
-    assert found is not None
-    motions, driving = found
-    units = np.abs(motions).max(axis=0, initial=0.0)
-    driven = np.column_stack([driving @ start, driving @ along]) / units[:, None]
-    symmetric = 0.5 * (schur + schur.T)
-    return AffineContact(symmetric, terms @ start, terms @ along, space, motions / units, driven)
+    start = eliminated(lower)
+    ends = [eliminated(lower + way) for way in np.diag(np.asarray(space.upper) - lower)]
+    slopes = [end.free_slack - start.free_slack for end in ends]
+    motions, units = _motions_of(start, len(schur))
+    driving = np.zeros((motions.shape[1], 1 + len(lower)))
+    if start.kernel is not None:
+        loads = [there.kernel.driving for there in (start, *ends) if there.kernel is not None]
+        driving = np.column_stack([loads[0], *(load - loads[0] for load in loads[1:])])
+        driving /= units[:, None]
+    free, along = start.free_slack, np.column_stack(slopes)
+    return AffineContact(0.5 * (schur + schur.T), free, along, space, motions / units, driving)
+
+
+def _motions_of(there: CondensedContact, conditions: int) -> tuple[np.ndarray, np.ndarray]:
+    """B R of a contact problem, (m, r), and the largest entry of each column, (r,)."""
+    motions = np.zeros((conditions, 0))
+    if there.kernel is not None:
+        motions = there.kernel.equalities.contact_of_motions
+    return motions, np.abs(motions).max(axis=0, initial=0.0)
 
 
 def candidates_of(model: AnsweringModel, name: str, contact: AffineContact) -> Candidates:
@@ -232,8 +228,8 @@ def candidates_of(model: AnsweringModel, name: str, contact: AffineContact) -> C
     if isinstance(item, Largest):
         weights = np.zeros((len(item.conditions), sum(contact.motions.shape)))
         weights[np.arange(len(item.conditions)), item.conditions] = 1 / item.areas
-        nothing = np.zeros(len(weights))
-        return Candidates(nothing, np.outer(nothing, contact.width), weights)
+        count = len(weights)
+        return Candidates(np.zeros(count), np.zeros((count, len(contact.width))), weights)
     if not isinstance(item, Linear):
         raise NotOfferedError(
             f"output '{name}' is no largest of affine functions of forces and displacements, so "
@@ -249,13 +245,14 @@ def _linear(
     item = cast("Linear", item)
     eliminated = elimination_of(model)
     m = len(contact.free)
+    any_answer = model.solve(contact.space.lower, outside="ignore")
 
     def value(t: np.ndarray, solution: np.ndarray) -> float:
         point = contact.point(t)
         theta = eliminated.amplitudes.dense(point)
         forces = solution[:m]
-        unknown = _unknown(eliminated(point), contact, solution)
-        answer = model.solve(point, outside="ignore")._replace(unknown=unknown, multipliers=forces)
+        unknown = _unknown(eliminated(point), solution)
+        answer = any_answer._replace(parameter=point, unknown=unknown, multipliers=forces)
         measured = model.fields.measured(answer, theta)[rows]
         own = forces[item.conditions] @ item.weights if item.conditions.size else 0.0
         return float(measured @ item.along + theta[item.terms] @ item.coefficients + own)
@@ -272,30 +269,29 @@ def _linear(
     return Candidates(np.array([constant]), slopes[None], weights[None])
 
 
-def _unknown(there: CondensedContact, contact: AffineContact, solution: np.ndarray) -> np.ndarray:
+def _unknown(there: CondensedContact, solution: np.ndarray) -> np.ndarray:
     """The primal unknown of forces and motions, (n,)."""
-    m, count = contact.motions.shape
+    m = len(there.free_slack)
     unknown = there.unknown(solution[:m])
-    if not count:
+    if there.kernel is None:
         return unknown
-    assert there.kernel is not None
-    units = np.abs(there.kernel.equalities.contact_of_motions).max(axis=0)
+    _, units = _motions_of(there, m)
     return unknown + there.kernel.modes @ (solution[m:] / units)
 
 
 def solution_of(answer: Answer, eliminated: Eliminated, contact: AffineContact) -> np.ndarray:
-    """Forces and motions of an answer, (m + r,).
+    """Forces and motions of an answer, (m + r,), the latter in the units of the contact problem.
 
     Args:
         answer: the answer.
         eliminated: elimination of its model.
-        contact: the contact problem.
+        contact: its contact problem.
     """
-    if not contact.motions.shape[1]:
+    if not contact.motions.size:
         return answer.multipliers
     there = eliminated(answer.parameter)
     assert there.kernel is not None
     rest = answer.unknown - there.unknown(answer.multipliers)
     motions = np.linalg.lstsq(there.kernel.modes, rest, rcond=None)[0]
-    units = np.abs(there.kernel.equalities.contact_of_motions).max(axis=0)
+    _, units = _motions_of(there, len(there.free_slack))
     return np.concatenate([answer.multipliers, motions * units])

@@ -9,7 +9,6 @@ largest value at a corner.
 from __future__ import annotations
 
 import heapq
-import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -49,13 +48,11 @@ class Node:
     Attributes:
         box: the box with what is sure in it.
         chosen: numbers of the candidates that are bounded in it, (k,).
-        parent: box of which it takes a part; None of the whole one.
         parts: boxes that take its place; empty if its bounds suffice.
     """
 
     box: Box
     chosen: np.ndarray
-    parent: Node | None = None
     parts: list[Node] = field(default_factory=list)
 
 
@@ -93,16 +90,9 @@ class Proof:
             path: the file, ``.npz``.
             about: what it is about, for the header.
         """
-        numbers: dict[int, int] = {}
-        parents: list[int] = []
-        rows: list[tuple[np.ndarray, np.ndarray]] = []
-        chosen: list[np.ndarray] = []
-        for number, node in enumerate(self.nodes()):
-            numbers[id(node)] = number
-            parents.append(numbers.get(id(node.parent), -1))
-            rows.append((node.box.lower, node.box.upper))
-            chosen.append(np.isin(np.arange(len(self.outputs.constant)), node.chosen))
-        lower, upper = (np.array(column) for column in zip(*rows, strict=True))
+        nodes = list(self.nodes())
+        parent_of = {id(part): number for number, node in enumerate(nodes) for part in node.parts}
+        candidates = np.arange(len(self.outputs.constant))
         arrays = {
             "schur": self.contact.schur,
             "free": self.contact.free,
@@ -111,10 +101,10 @@ class Proof:
             "along": self.outputs.slopes,
             "weights": self.outputs.weights,
             "proven": np.array(self.proven),
-            "parents": np.array(parents, dtype=np.int64),
-            "lower": lower,
-            "upper": upper,
-            "chosen": np.array(chosen),
+            "parents": np.array([parent_of.get(id(node), -1) for node in nodes], dtype=np.int64),
+            "lower": np.array([node.box.lower for node in nodes]),
+            "upper": np.array([node.box.upper for node in nodes]),
+            "chosen": np.array([np.isin(candidates, node.chosen) for node in nodes]),
             "corners": np.array([np.frombuffer(key) for key in self.solutions]),
             "motions": self.contact.motions,
             "driving": self.contact.driving,
@@ -221,8 +211,8 @@ def worst(
             displacements: resultants, moments, displacements, gaps.
         within: largest difference of the value proven and the worst one found, relative to the
             largest size of the output found.
-        smallest: ask for the smallest value instead. A gap that is nowhere below zero never closes,
-            a pressure nowhere below zero never opens.
+        smallest: ask for the smallest value instead. A gap whose smallest value is above zero never
+            closes, a contact whose smallest force is above zero never opens.
         limit: stop as soon as it is known whether the output stays within it.
         seconds: longest time; what is proven by then is returned, with its difference.
 
@@ -233,7 +223,7 @@ def worst(
         NotOfferedError: for a model or output without such a proof, with the reason.
         ParameterError: for an unknown output, a number that is not positive, or a limit that is no
             number.
-        NotConvergedError: if a contact problem has no solution.
+        NotSolvableError, ConvergenceError: if a contact problem has no solution.
 
     Example:
         With the scene of :class:`~hhr_dolfinx.Scene`:
@@ -264,12 +254,10 @@ def worst(
     search = _BoxSearch(model, contact, outputs, within, None if limit is None else sign * limit)
     start = now()
     proof = search.run(start + seconds)
-    functionals = model.fields.functionals
-    assert functionals is not None
-    units = {item.name: item.unit for item in functionals.items}
+    unit = next(item.unit for item in model.fields.functionals.items if item.name == output)
     return WorstCase(
         output,
-        units[output],
+        unit,
         smallest,
         sign * search.best,
         dict(zip(model.parameters.names, contact.point(search.where).tolist(), strict=True)),
@@ -319,6 +307,9 @@ class _BoxSearch:
         self.where = np.zeros(0)
         self.boxes = 0
         self._solutions: dict[bytes, np.ndarray] = {}
+        # boxes that are left by their largest bound, and the largest bound of those that are not
+        self._heap: list[tuple[float, int, Node, np.ndarray, BoxBound]] = []
+        self._bounded = -math.inf
 
     @property
     def problems(self) -> int:
@@ -332,35 +323,36 @@ class _BoxSearch:
             until: end of the time, of :func:`hhr_dolfinx.timing.now`.
         """
         root = self._whole()
-        heap: list[tuple[float, int, Node, np.ndarray, BoxBound]] = []
-        counter = itertools.count()
-        unfinished = -math.inf
-
-        def enter(node: Node, known: np.ndarray) -> None:
-            nonlocal unfinished
-            forces = self._solved(node.box.corners)
-            bound = bounded(self._contact, self._outputs, node.chosen, node.box, forces)
-            node.box = bound.box
-            upper = np.minimum(bound.upper, known)
-            left = (upper > self._enough) & bound.box.divisible.any()
-            unfinished = max(unfinished, upper[~left].max(initial=-math.inf))
-            if left.any():
-                heapq.heappush(heap, (-upper.max(), next(counter), node, upper, bound))
-
+        self._enter(root, np.full(len(self._outputs.constant), math.inf))
         announce = terminal_lines()
-        enter(root, np.full(len(self._outputs.constant), math.inf))
-        while heap and -heap[0][0] > self._enough and now() < until:
-            announce("worst case", self._share(-heap[0][0]))
-            _, _, node, upper, bound = heapq.heappop(heap)
+        while self._heap and -self._heap[0][0] > self._enough and now() < until:
+            announce("worst case", self._share(-self._heap[0][0]))
+            _, _, node, upper, bound = heapq.heappop(self._heap)
             left = upper > self._enough
-            unfinished = max(unfinished, upper[~left].max(initial=-math.inf))
+            self._bounded = max(self._bounded, upper[~left].max(initial=-math.inf))
             for part, chosen in self._parts(bound, left):
-                child = Node(part, node.chosen[chosen], node)
-                self.boxes += 1
+                child = Node(part, node.chosen[chosen])
                 node.parts.append(child)
-                enter(child, upper[chosen])
-        proven = float(max(unfinished, self.best, *(-item[0] for item in heap), -math.inf))
+                self._enter(child, upper[chosen])
+        proven = float(max(self._bounded, self.best, *(-item[0] for item in self._heap)))
         return Proof(self._contact, self._outputs, root, self._solutions, proven)
+
+    def _enter(self, node: Node, known: np.ndarray) -> None:
+        """Bound the candidates of a box, and keep it for later if that does not suffice.
+
+        Args:
+            node: the box.
+            known: bounds of its candidates in the box that it is a part of, (k,).
+        """
+        self.boxes += 1
+        solutions = self._solved(node.box.corners)
+        bound = bounded(self._contact, self._outputs, node.chosen, node.box, solutions)
+        node.box = bound.box
+        upper = np.minimum(bound.upper, known)
+        left = (upper > self._enough) & bound.box.divisible.any()
+        self._bounded = max(self._bounded, upper[~left].max(initial=-math.inf))
+        if left.any():
+            heapq.heappush(self._heap, (-upper.max(), self.boxes, node, upper, bound))
 
     def _share(self, bound: float) -> float:
         """Share of the work, by the difference that is left to a bound."""
@@ -379,7 +371,6 @@ class _BoxSearch:
         """The whole box."""
         m, count = self._contact.slopes.shape
         nothing = np.zeros(m, dtype=bool)
-        self.boxes += 1
         box = Box(np.zeros(count), np.ones(count), nothing, nothing.copy())
         return Node(box, np.arange(len(self._outputs.constant)))
 

@@ -1,6 +1,7 @@
 """A column below a plate that is cut in its middle, as a bolt is."""
 
 import numpy as np
+from cubes_in_files import EDGES_OF_A_CUBE
 
 import hhr_dolfinx as hhr
 
@@ -31,24 +32,10 @@ def column(path, order=1, slope=0.0):
         (1, 1, 1),
         (0, 1, 1),
     ]
-    edges = [
-        (0, 1),
-        (1, 2),
-        (2, 3),
-        (3, 0),
-        (4, 5),
-        (5, 6),
-        (6, 7),
-        (7, 4),
-        (0, 4),
-        (1, 5),
-        (2, 6),
-        (3, 7),
-    ]
     rows.append(f"*ELEMENT, TYPE=C3D{8 if order == 1 else 20}, ELSET=BOLT")
     for k in range(3):
         own = [np.add(c, (0.0, 0.0, k)) for c in corners]
-        own += [(own[a] + own[b]) / 2 for a, b in edges] if order == 2 else []
+        own += [(own[a] + own[b]) / 2 for a, b in EDGES_OF_A_CUBE] if order == 2 else []
         rows.append(", ".join(map(str, [k + 1, *(number[tuple(np.round(p, 6))] for p in own)])))
     cut = [n for place, n in number.items() if place[2] == 1.0]
     rows += ["*NSET, NSET=CUT", ", ".join(map(str, cut))]

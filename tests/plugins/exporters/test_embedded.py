@@ -85,7 +85,6 @@ DISCARD = 2
 """What FMI calls an answer that there is not."""
 
 
-@needs("shared_nodes")
 @compiled
 @pytest.mark.parametrize("name", marked(*SCENES, "held by contact", "halves", "bed", "moving tool"))
 def test_a_header_has_the_digits_of_python(name, tmp_path):

@@ -133,7 +133,7 @@ def marked(*names):
     marks["space"].append(needs("mortar", "shapes", "volume_loads"))
     marks["shape"].append(needs("shapes"))
     marks["moving tool"] = [needs("obstacles")]
-    marks["bed"] = [needs("nodal_loads")]
+    marks["bed"] = [needs("nodal_loads", "shared_nodes")]
     marks |= {
         "sphere": [needs("mortar")],
         "heat": [needs("volume_loads")],

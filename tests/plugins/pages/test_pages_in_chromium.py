@@ -70,10 +70,9 @@ def toys():
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    opened = Browser(tmp_path_factory.mktemp("chromium"))
-    yield opened
-    opened.close()
+def browser():
+    with Browser() as opened:
+        yield opened
 
 
 def case_of(kind):

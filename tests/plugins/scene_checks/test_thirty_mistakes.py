@@ -448,7 +448,11 @@ MISTAKES: dict[str, tuple[Change, str]] = {
 """What is changed in ``your_scene.scene()``, and a pattern of the object and of the remedy."""
 
 
-NEEDED = {"an output of no body": ("stress",), "a clamp is forgotten": ("floating",)}
+NEEDED = {
+    "an output of no body": ("stress",),
+    "a clamp is forgotten": ("floating",),
+    "cells of second order": ("mortar",),
+}
 """Plug-ins whose parts a mistake is made with, or whose words it is told in."""
 
 
@@ -463,7 +467,6 @@ def told(change: Change) -> list[str]:
     return [finding.text for finding in check_scene(scene).findings if finding.level != OK]
 
 
-@needs("mortar")
 @pytest.mark.parametrize(
     "name", [pytest.param(k, marks=needs(*NEEDED.get(k, ()))) for k in MISTAKES]
 )

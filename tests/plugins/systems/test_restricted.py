@@ -37,7 +37,7 @@ SWITCHES = (
     "periodic",
     "preload",
     "rigid_motion",
-    "serendipity",
+    pytest.param("serendipity", marks=needs("second_order")),
     "springs",
     "tie",
 )
@@ -99,7 +99,7 @@ def drafted(switch, system=None):
     return dataclasses.replace(draft, bodies=tuple(stiffer))
 
 
-@needs("conformance", "second_order")
+@needs("conformance")
 @pytest.mark.filterwarnings("ignore:displacements are of second order and the sides")
 @pytest.mark.parametrize("switch", SWITCHES)
 def test_it_is_the_scene_without_it_whose_stiffness_is_the_same(switch):
