@@ -1,10 +1,9 @@
 """Pictures of HTML pages by Chromium, over the pipe of its developer tools.
 
-Messages are JSON, each ended by a zero byte.
+Needs no package: messages are JSON, each ended by a zero byte.
 """
 
 import base64
-import io
 import json
 import os
 import shutil
@@ -14,8 +13,6 @@ import time
 from pathlib import Path
 from types import TracebackType
 from typing import Any
-
-from PIL import Image
 
 WINDOW = 1100, 1400
 """Width and height of the window, in pixels of the page."""
@@ -169,7 +166,5 @@ class Page:
             box[3] = min(box[3], height)
         clip = dict(zip(("x", "y", "width", "height"), box, strict=True)) | {"scale": 1}
         shot = self._ask("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)
-        # 256 colours of its own are all that such a page shows, in a third of the bytes
-        image = Image.open(io.BytesIO(base64.b64decode(shot["data"]))).convert("RGB")
-        image.quantize(256).save(path, optimize=True)
+        path.write_bytes(base64.b64decode(shot["data"]))
         return path
