@@ -148,7 +148,9 @@ def bound_of(task: Task, recipe: Recipe, basis: np.ndarray) -> Bounding:
         return Bounding(None, basis, unbounded=NOT_ASKED)
     if reason := task.kind.unbounded:
         return Bounding(None, basis, unbounded=reason)
-    full, log, announce = task.full, task.log, task.announce
+    full = task.full
+    log = task.log
+    announce = task.announce
     assert task.snapshots is not None  # checked
     try:
         with log.stage("bound", announce):

@@ -67,7 +67,8 @@ class RangeSlopes:
             seconds: duration of the step.
         """
         with linear.held():
-            laws, forces = self._laws, answer.multipliers
+            laws = self._laws
+            forces = answer.multipliers
             loose = linear.motions
             ranges = laws.on(linear.schur(), None if loose is None else loose.contact_of_motions)
             steps = laws.steps(self._memory, answer.parameter, seconds)

@@ -192,8 +192,10 @@ def contact_of(model: AnsweringModel) -> AffineContact:
         loads = [there.kernel.driving for there in (start, *ends) if there.kernel is not None]
         driving = np.column_stack([loads[0], *(load - loads[0] for load in loads[1:])])
         driving /= units[:, None]
-    free, along = start.free_slack, np.column_stack(slopes)
-    return AffineContact(0.5 * (schur + schur.T), free, along, space, motions / units, driving)
+    symmetric = 0.5 * (schur + schur.T)
+    return AffineContact(
+        symmetric, start.free_slack, np.column_stack(slopes), space, motions / units, driving
+    )
 
 
 def _motions_of(there: CondensedContact, conditions: int) -> tuple[np.ndarray, np.ndarray]:
