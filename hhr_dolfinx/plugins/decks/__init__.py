@@ -14,6 +14,7 @@ PLUGIN = Plugin(
         "nodal_loads",
         "mortar",
         "friction",
+        "soft_contact",
         "inelastic",
         "volume_loads",
         "scene_checks",

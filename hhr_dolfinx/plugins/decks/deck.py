@@ -60,8 +60,8 @@ class DeckLoad:
 
 @dataclass(frozen=True)
 class Pair:
-    """A contact pair ``text``, Python with ``{}`` for its friction, and a length that is added to
-    the gaps.
+    """A contact pair ``text``, Python with ``{}`` for its law, and a length that is added to the
+    gaps.
 
     The text of a curved rigid surface has ``{place}`` for its motion. A gap that ``overwrites`` is
     that of all nodes, whatever the mesh has.
@@ -75,6 +75,7 @@ class Pair:
     origin: tuple[float, ...] = ()  #: place without the motion, empty for zeros
     direction: tuple[float, ...] = ()  #: of the force that is an output, empty for none
     limit: float = math.inf  #: largest shear stress of friction
+    curve: str = ""  #: soft contact as text of Python, empty for hard contact
     overwrites: bool = False
 
 

@@ -9,19 +9,26 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.plugins.decks.deck import Left, Pair
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Imposed, KeywordBlock, of_kind
 from hhr_dolfinx.plugins.decks.inp_tools import Tool, tool_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
 from hhr_dolfinx.plugins.decks.planes import Plane, plane_through
+from hhr_dolfinx.plugins.soft_contact.pair_laws import SoftContact
+
+_HARD = "contact is hard here, surfaces do not overlap. If that stiffness is meant, give the pair"
+_EXPONENTIAL = "the pressure is 1 % at the clearance, as in CalculiX; in Abaqus it ends there"
+_TABULAR = "beyond its last point the pressure goes on to grow, as in Abaqus; CalculiX keeps it"
 
 
-class DeckFriction(NamedTuple):
-    """Coefficient of friction, and its largest shear stress."""
+class Interaction(NamedTuple):
+    """What the surfaces of a pair do where they touch."""
 
-    coefficient: float = 0.0
-    limit: float = math.inf
+    coefficient: float = 0.0  #: of friction
+    limit: float = math.inf  #: largest shear stress of friction
+    curve: str = ""  #: soft contact as text of Python, empty where surfaces do not overlap
 
 
 def pairs_of(
@@ -40,21 +47,21 @@ def pairs_of(
         state: rows of supports and loads that act.
         todo: list to which TODO lines are appended.
     """
-    frictions = _frictions(blocks, todo)
+    interactions = _interactions(blocks, todo)
     rigid = _rigid(blocks, parts, nodes, state, todo)
     cleared = of_kind(blocks, "CLEARANCE")
     used: set[str] = set()
     pairs = []
     for block in of_kind(blocks, "CONTACT PAIR"):
         word = block.word("INTERACTION")
-        if word and word not in frictions:
+        if word and word not in interactions:
             todo.append(
                 block.left(f"there is no *SURFACE INTERACTION '{word}', so that its friction is 0")
             )
         for row in block.rows:
             names = [word.upper() for word in row if word][:2]
-            friction = frictions.get(word, DeckFriction())
-            pair = _pair(block, names, parts, rigid, friction.coefficient, todo)
+            interaction = interactions.get(word, Interaction())
+            pair = _pair(block, names, parts, rigid, interaction.coefficient, todo)
             clearance = next(
                 (candidate for candidate in cleared[::-1] if _clears(candidate, block, names)), None
             )
@@ -68,7 +75,7 @@ def pairs_of(
                 gap = pair.gap + clearance.number(clearance.option("VALUE"))
                 pair = replace(pair, gap=gap, overwrites=True)
             used |= {clearance.source} if clearance is not None else set()
-            pairs.append(replace(pair, limit=friction.limit))
+            pairs.append(replace(pair, limit=interaction.limit, curve=interaction.curve))
     todo += [
         candidate.left(_unused(candidate, cleared))
         for candidate in cleared
@@ -150,26 +157,61 @@ def _dragging(block: KeywordBlock, friction: float, motion: np.ndarray) -> list[
     return [block.left(reason)] if friction and motion.any() else []
 
 
-def _frictions(blocks: Sequence[KeywordBlock], todo: list[Left]) -> dict[str, DeckFriction]:
-    """Friction by the name of the interaction in capitals."""
-    frictions: dict[str, DeckFriction] = {}
+def _interactions(blocks: Sequence[KeywordBlock], todo: list[Left]) -> dict[str, Interaction]:
+    """Friction and soft contact by the name of the interaction in capitals."""
+    interactions: dict[str, Interaction] = {}
+    rubbing: dict[str, KeywordBlock] = {}
     name: str | None = None
     for block in blocks:
         if block.keyword == "SURFACE INTERACTION":
             name = block.option("NAME").upper()
-            frictions[name] = DeckFriction()
+            interactions[name] = Interaction()
         elif block.keyword.startswith("CHANGE "):
             name = None  # of a later step, which is left
+        elif block.keyword == "SURFACE BEHAVIOR" and block.rows and name is not None:
+            interactions[name] = interactions[name]._replace(curve=_curve(block, todo))
         elif block.keyword == "FRICTION" and block.rows and name is not None:
             limit = block.number(block.options["TAUMAX"]) if "TAUMAX" in block.options else math.inf
-            frictions[name] = DeckFriction(block.value(block.rows[0], 0), limit)
+            coefficient = block.value(block.rows[0], 0)
+            rubbing[name] = block
+            interactions[name] = interactions[name]._replace(coefficient=coefficient, limit=limit)
             if len(block.rows) > 1:
                 reason = (
                     "friction does not depend on the pressure, the speed or the temperature: its "
                     "first line counts"
                 )
-                todo.append(block.left(f"{reason}, {frictions[name].coefficient:g}"))
-    return frictions
+                todo.append(block.left(f"{reason}, {coefficient:g}"))
+    for name, block in rubbing.items():
+        if interactions[name].curve and interactions[name].coefficient:
+            todo.append(block.left(f"a pair has one law: soft contact of '{name}' has no friction"))
+            interactions[name] = Interaction(curve=interactions[name].curve)
+    return interactions
+
+
+def _curve(block: KeywordBlock, todo: list[Left]) -> str:
+    """Soft contact of a *SURFACE BEHAVIOR as text of Python, empty for hard contact.
+
+    The stiffness of LINEAR is most often that of hard contact in a code that has no other one.
+    """
+    numbers = [block.numbers(row) for row in block.rows]
+    kind = block.word("PRESSURE-OVERCLOSURE")
+    try:
+        if kind == "LINEAR":
+            soft = SoftContact(stiffness=numbers[0][0])
+            todo.append(block.left(f"{_HARD}: law=hhr.SoftContact(stiffness={soft.stiffness!r})"))
+            return ""
+        if kind == "EXPONENTIAL":
+            clearance, pressure = numbers[0][:2]
+            soft = SoftContact(exponential=(clearance, pressure))
+            todo.append(block.left(_EXPONENTIAL))
+            return f"hhr.SoftContact(exponential={soft.exponential!r})"
+        if kind == "TABULAR":
+            soft = SoftContact(table=tuple((row[1], row[0]) for row in numbers))
+            todo.append(block.left(_TABULAR))
+            return f"hhr.SoftContact(table={soft.table!r})"
+    except (SceneError, ValueError, IndexError) as error:
+        todo.append(block.left(f"contact is hard here, as its curve is refused: {error}"))
+    return ""
 
 
 def is_tool(block: KeywordBlock, parts: NamedParts) -> bool:

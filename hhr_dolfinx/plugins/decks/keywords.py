@@ -221,12 +221,15 @@ _OF_CONTACT = {
         USER="a subroutine is not read: contact is hard and frictionless, see hhr.ContactLaw",
     ),
     "SURFACE BEHAVIOR": left_options(
-        read_options("", "PRESSURE-OVERCLOSURE=HARD|AUGMENTED LAGRANGE|PENALTY|DIRECT"),
+        read_options(
+            "PRESSURE-OVERCLOSURE=LINEAR|PRESSURE-OVERCLOSURE=EXPONENTIAL|"
+            "PRESSURE-OVERCLOSURE=TABULAR",
+            "PRESSURE-OVERCLOSURE=HARD|AUGMENTED LAGRANGE|PENALTY|DIRECT",
+        ),
         **{
             "PRESSURE-OVERCLOSURE=*": (
-                "contact is hard here, surfaces do not overlap. law=hhr.SoftContact(stiffness=K) "
-                "of the pair has the line of LINEAR, table=((OVERCLOSURE, PRESSURE), ...) that of "
-                "TABULAR, exponential=(C0, P0) that of EXPONENTIAL in CalculiX (Abaqus has another)"
+                "contact is hard here, surfaces do not overlap; law=hhr.SoftContact(...) of the "
+                "pair has curves"
             ),
             "PRESSURE-OVERCLOSURE=TIED": (
                 "surfaces touch and may open and slide here: write hhr.Tie(SLAVE, MASTER) in "

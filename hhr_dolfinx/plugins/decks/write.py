@@ -223,6 +223,7 @@ def _pair(pair: Pair, amplitude_of: Mapping[Item, str]) -> str:
         else f"hhr.Coulomb({pair.friction!r}, {pair.limit!r})"
     )
     friction = f", friction={law}" if pair.friction else ""
+    soft = f", law={pair.curve}" if pair.curve else ""
     origin = pair.origin or (0.0,) * len(pair.motion)
     position: tuple[float | str, ...] = tuple(
         a + b for a, b in zip(origin, pair.motion, strict=True)
@@ -235,7 +236,8 @@ def _pair(pair: Pair, amplitude_of: Mapping[Item, str]) -> str:
             _coordinate(a, slope, name) for a, slope in zip(origin, slopes, strict=True)
         )
     return (
-        f"{pair.text.replace('{}', friction).replace('{place}', repr(position))},  # {pair.source}"
+        f"{pair.text.replace('{}', friction + soft).replace('{place}', repr(position))},"
+        f"  # {pair.source}"
     )
 
 

@@ -1,0 +1,77 @@
+"""`*SURFACE BEHAVIOR` of decks: curves become soft contact, a linear one stays hard by name."""
+
+import pytest
+from deck_runs import by_calculix, solved, started
+from deck_texts import blocks
+from needs import needs
+from scipy.optimize import brentq
+
+from hhr_dolfinx.command.loading import scene_of
+
+pytestmark = needs("floating")
+STIFFNESS = 500.0
+"""Of two cubes of modulus 1000 on each other: pressure over the motion that they share."""
+MOTION = 0.05
+LID = f"*BOUNDARY\nUPPER_Z1, 3, 3, {-MOTION}"
+TABLE = "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR\n0., 0.\n2., .01\n8., .02\n40., .06"
+EXPONENTIAL = "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=EXPONENTIAL\n.02, 3."
+LINEAR = "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR\n200."
+CURVES = {
+    TABLE: lambda h: 8.0 + (h - 0.02) * 800.0 if h > 0.02 else 2.0 + (h - 0.01) * 600.0,
+    EXPONENTIAL: lambda h: 3.0 * 100.0 ** (h / 0.02),
+}
+
+
+def pressure(scene):
+    return solved(scene)[1].outputs()["largest pressure 0"]
+
+
+def read(folder, interaction):
+    # CalculiX loses nodes that move off the edge of the other surface by a rounding error
+    aside = "UPPER_Z0, 1, 2\nLOWER_Z1, 1, 2"
+    kind = "NODE TO SURFACE"
+    text = blocks(LID, interaction=interaction, kind=kind, upper=(2, 2, 1), before=aside)
+    return text, *started(folder, text)
+
+
+@pytest.mark.parametrize("interaction", CURVES, ids=("table", "exponential"))
+def test_curves_are_soft_contact(interaction, tmp_path):
+    """The cubes are springs in series with the curve; CalculiX reads the same deck."""
+    text, scene, _ = read(tmp_path, interaction)
+    curve = CURVES[interaction]
+    overlap = brentq(lambda h: curve(h) - STIFFNESS * (MOTION - h), 0.0, MOTION, xtol=1e-15)
+    found = pressure(scene)
+    assert found == pytest.approx(curve(overlap), rel=1e-9)
+    assert by_calculix(tmp_path, text, "LOWER_Z0")[2] == pytest.approx(found, rel=2e-3)
+
+
+def test_a_linear_curve_stays_hard_and_its_line_is_the_law(tmp_path):
+    """In codes without hard contact it is a penalty; whoever means it has the text to paste."""
+    _, scene, output = read(tmp_path, LINEAR)
+    assert pressure(scene) == pytest.approx(STIFFNESS * MOTION, rel=1e-9)
+    assert "contact is hard here" in output and "law=hhr.SoftContact(stiffness=200.0)" in output
+    file = tmp_path / "deck.py"
+    written = file.read_text()
+    axis = '"LOWER_TOP", (0.0, 0.0, -1.0)'
+    assert written.count(axis) == 1
+    file.write_text(written.replace(axis, f"{axis}, law=hhr.SoftContact(stiffness=200.0)"))
+    soft = MOTION / (1 / STIFFNESS + 1 / 200)
+    assert pressure(scene_of(str(file))) == pytest.approx(soft, rel=1e-9)
+
+
+def test_soft_contact_has_no_friction(tmp_path):
+    _, scene, output = read(tmp_path, f"{TABLE}\n*FRICTION\n.3, 1e5")
+    assert "a pair has one law: soft contact of 'TOUCH' has no friction" in output
+    assert "friction=" not in (tmp_path / "deck.py").read_text()
+    assert pressure(scene) > 1.0
+
+
+@pytest.mark.parametrize(
+    ("rows", "why"),
+    [("1., 0.\n2., 1.", "the first must be 0"), ("0., 0.\n2., 1.\n1., 2.", "falls")],
+)
+def test_a_curve_that_is_refused_is_hard_contact(rows, why, tmp_path):
+    table = f"*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR\n{rows}"
+    _, scene, output = read(tmp_path, table)
+    assert "contact is hard here, as its curve is refused" in output and why in output
+    assert pressure(scene) == pytest.approx(STIFFNESS * MOTION, rel=1e-9)
