@@ -102,8 +102,8 @@ def c_header(model: KeptModel, name: str) -> tuple[str, Tree]:
         warn(
             f"the C header has no output {', '.join(tree['missing'])}: only Python computes "
             "outputs that read displacements if stiffness or shape varies, areas if shapes vary, "
-            "centres of pressure, principal stress, von Mises' stress, and energies of heated "
-            "bodies, of those with laws and of those that contact alone holds",
+            "centres of pressure, stress in many cells or of bodies with laws, and energies of "
+            "heated bodies, of those with laws and of those that contact alone holds",
             ModelFileWarning,
         )
     text = kernel_text(kernel_parts(tree), laws_of(model.law, "a header")).replace(

@@ -35,6 +35,7 @@ from hhr_dolfinx.plugins.pages.packing import ArrayText, Json, Packed, half, ste
 from hhr_dolfinx.plugins.pages.pictures import pictures_of
 from hhr_dolfinx.plugins.pages.records import kernel_data
 from hhr_dolfinx.plugins.pages.scenery import Scenery
+from hhr_dolfinx.plugins.pages.stress_outputs import stress_tree
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.floating.elimination import FloatingElimination
@@ -285,6 +286,9 @@ def _outputs(model: KeptModel, arrays: Packed) -> tuple[list[dict[str, Json]], l
                     "half": half_of_it,
                 }
             )
+            continue
+        if (stressed := stress_tree(model, functional, number, arrays)) is not None:
+            outputs.append({"name": functional.name, "unit": functional.unit} | stressed)
             continue
         if (
             np.size(fields.functionals.axes)

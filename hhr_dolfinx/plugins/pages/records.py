@@ -321,6 +321,9 @@ class _RecordReader:
             return Struct("output", names | item.get("moved", {}))
         if item["kind"] == "quadratic":
             return Struct("output", {"half": item["half"]})
+        if item["kind"] == "stress":
+            given = ("stressed", "shares", "principal", "components", "count")
+            return Struct("output", {key: item[key] for key in given if key in item})
         fields = {"conditions": item["conditions"], "areas": item["areas"]}
         fields |= {"count": self.arrays[item["conditions"]].size}
         if item["kind"] == "largest":

@@ -51,6 +51,14 @@ class Mises(Functional):
         volume, shape = (modulus.value(state.point) for modulus in self._moduli)
         return volume * of_volume + shape * of_shape, of_volume, of_shape, unit
 
+    def tensors(self, state: State) -> np.ndarray:
+        """Stress of each cell in Kelvin's notation, (cells, components).
+
+        Args:
+            state: the answer.
+        """
+        return self._stress(state)[0]
+
     def value(self, state: State) -> float:
         """The largest one, or their mean over the volume."""
         values = von_mises(self._stress(state)[0])
@@ -114,21 +122,22 @@ class StrainedMises(Mises):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _ = self._amplitudes
+        _ = self.strain_amplitudes
 
     @cached_property
-    def _amplitudes(self) -> tuple[Scalar, ...]:
+    def strain_amplitudes(self) -> tuple[Scalar, ...]:
+        """Amplitudes of the strains ε0 as functions of the parameters, (e,)."""
         return tuple(Scalar(text, tuple(self.names)) for text in self.amplitudes)
 
     def _stress(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        values = [amplitude.value(state.point) for amplitude in self._amplitudes]
+        values = [amplitude.value(state.point) for amplitude in self.strain_amplitudes]
         return super()._stress(state._replace(measured=state.measured - self.rest @ values))
 
     def slopes(self, state: State) -> Slopes:
         """Slopes by the chain rule, also through the amplitudes."""
         of_strains = super().slopes(state)
         along = of_strains.measured @ self.rest
-        changes = [amplitude.derivative(state.point) for amplitude in self._amplitudes]
+        changes = [amplitude.derivative(state.point) for amplitude in self.strain_amplitudes]
         return of_strains._replace(point=of_strains.point - along @ np.array(changes))
 
 

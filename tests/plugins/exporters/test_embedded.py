@@ -27,13 +27,24 @@ from compiled_models import (
     compiled,
 )
 from needs import needs
-from page_scenes import MORE, OF_FRICTION, OF_PELLET, RUBBING, SCENES, marked, rubbed, tour_of
+from page_scenes import (
+    MORE,
+    OF_FRICTION,
+    OF_PELLET,
+    RUBBING,
+    SCENES,
+    STRESSES,
+    marked,
+    rubbed,
+    tour_of,
+)
 from pages_in_node import check_increment
 from shell import invoke
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import MissingPackageError, ModelFileWarning, NotOfferedError
 from hhr_dolfinx.plugins.exporters import c_header, fmu
+from hhr_dolfinx.plugins.pages import stress_outputs
 from hhr_dolfinx.plugins.pages.arrays import contact_tree
 from hhr_dolfinx.plugins.pages.kernel import kernel_file
 from hhr_dolfinx.plugins.pages.packing import Packed, steps_of
@@ -86,7 +97,9 @@ DISCARD = 2
 
 
 @compiled
-@pytest.mark.parametrize("name", marked(*SCENES, "held by contact", "halves", "bed", "moving tool"))
+@pytest.mark.parametrize(
+    "name", marked(*SCENES, "held by contact", "halves", "bed", "moving tool", *STRESSES)
+)
 def test_a_header_has_the_digits_of_python(name, tmp_path):
     """Whether it starts from the answer before or from open contacts, where springs hold bodies."""
     model = hhr.condense((SCENES | MORE)[name](), fields=True)
@@ -196,7 +209,8 @@ def test_what_is_not_finite_has_no_answer(tmp_path, monkeypatch):
         )
 
 
-def test_outputs_that_stay_out_are_named():
+def test_outputs_that_stay_out_are_named(monkeypatch):
+    monkeypatch.setattr(stress_outputs, "STRESS_NUMBERS", 1000)
     with pytest.warns(ModelFileWarning, match="the C header has no output .*stress"):
         text, _ = c_header.c_header(hhr.condense(SCENES["partial pressure"]()), "press")
     assert "#define PRESS_OUTPUTS 4" in text

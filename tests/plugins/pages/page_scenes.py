@@ -96,6 +96,32 @@ def indented():
     )
 
 
+def stressed(hypothesis):
+    """Two blocks that are heated as the load grows, whose stress is read in all ways."""
+    middle = (1.4, 0.6)
+    components = {
+        "axisymmetric": ("rr", "tt", "rz"),
+        "plane_stress": ("xx", "xy"),
+        "plane_strain": ("yy", "zz"),
+    }[hypothesis]
+    read = (*components, "principal_1", "principal_2", "principal_3")
+    outputs = (
+        hhr.VonMises("largest", FIRST),
+        hhr.VonMises("mean", FIRST, kind="mean"),
+        hhr.VonMises("of the cold one", SECOND),
+        *(hhr.StressAt(name, middle, name, tag=FIRST) for name in read),
+    )
+    return dataclasses.replace(heated(hypothesis, 0.05, load=10.0), outputs=outputs)
+
+
+def stressed_cubes():
+    """Blocks in space under pressure and shear: all components of a tensor are there."""
+    read = ("xz", "yz", "principal_1", "principal_2", "principal_3")
+    outputs = [hhr.StressAt(name, (0.3, 0.6, 1.7), name, tag=SECOND) for name in read]
+    smooth = rubbing(None, 4, dimension=3, box={"push": (0.01, 0.05), "aside": (-0.1, 0.1)})
+    return dataclasses.replace(smooth, outputs=(hhr.VonMises("most", SECOND), *outputs))
+
+
 ENERGY = (hhr.ElasticEnergy("energy"),) if present("stress") else ()
 OF_PELLET = (
     hhr.LargestPressure("peak", 0),
@@ -115,6 +141,7 @@ SCENES = {
     "shape": lambda: contract.blocks(box=contract.SHAPE, shapes=(contract.crowned(),)),
     "space": lambda: press_fit.scene(around=4, hub_cells=(2, 4), shaft_cells=(2, 4)),
 }
+STRESSED = ("axisymmetric", "plane_stress", "plane_strain")
 MORE = {
     "held by contact": held,
     "moving tool": indented,
@@ -123,7 +150,10 @@ MORE = {
     "sphere": lambda: sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)),
     "plane stress": lambda: dataclasses.replace(SCENES["moduli"](), hypothesis="plane_stress"),
     "heat": lambda: heated("axisymmetric", 0.05, load=10.0),
+    **{f"stress, {name}": partial(stressed, name) for name in STRESSED},
+    "stress in space": stressed_cubes,
 }
+STRESSES = tuple(name for name in MORE if name.startswith("stress"))
 OF_MODULI = ("moduli", "formula", "space", "plane stress", "shape")
 
 
@@ -137,6 +167,7 @@ def marked(*names):
     marks |= {
         "sphere": [needs("mortar")],
         "heat": [needs("volume_loads")],
+        **{name: [needs("stress", "volume_loads")] for name in STRESSES},
         "held by contact": [needs("nonmatching")],
     }
     return [pytest.param(name, marks=marks.get(name, ())) for name in names]

@@ -16,6 +16,7 @@ from page_scenes import (
     MORE,
     OF_FRICTION,
     SCENES,
+    STRESSES,
     heated,
     known,
     made,
@@ -47,7 +48,7 @@ from hhr_dolfinx.errors import FileContentError, NotOfferedError
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.displacement import dense
-from hhr_dolfinx.plugins.pages import page
+from hhr_dolfinx.plugins.pages import page, stress_outputs
 from hhr_dolfinx.plugins.pages.packing import Packed, steps_of
 from hhr_dolfinx.plugins.pages.pictures import pictures_of
 from hhr_dolfinx.plugins.pages.scenery import thinned
@@ -90,7 +91,9 @@ def stress_drawn(full, model, scenery, point):
 
 @needs("shared_nodes")
 @in_node
-@pytest.mark.parametrize("name", marked(*SCENES, "held by contact", "halves", "bed", "moving tool"))
+@pytest.mark.parametrize(
+    "name", marked(*SCENES, "held by contact", "halves", "bed", "moving tool", *STRESSES)
+)
 def test_a_page_has_the_digits_of_python(name):
     """Whether it starts from the answer before, from the gaps, or from none closed, where springs
     hold bodies.
@@ -118,9 +121,17 @@ def test_a_page_has_the_digits_of_python(name):
                     slopes, exact, rtol=0, atol=1e-5 * np.abs(exact).max() + 1e-9
                 )
         check_field(found, answer, scenery)
-    unread = {"partial pressure": ["stress"], "shape": ["peak", "force"]}
+    unread = {"shape": ["peak", "force"]}
     unread["space"] = ["torque of a quarter", "largest stress", "lost contact"]
     assert missing == unread.get(name, [])
+
+
+@needs("volume_loads")
+def test_stress_in_too_many_cells_is_left_out_by_name(monkeypatch):
+    _, model, scenery = known("stress, plane_stress")
+    assert tree_of(model, scenery)["missing"] == []
+    monkeypatch.setattr(stress_outputs, "STRESS_NUMBERS", 100)
+    assert tree_of(model, scenery)["missing"] == ["largest", "mean", "of the cold one"]
 
 
 @in_node
@@ -211,7 +222,9 @@ def test_stress_is_drawn_though_there_is_none_in_some_answers():
 
 @needs("shared_nodes")
 @in_node
-@pytest.mark.parametrize("name", marked("partial pressure", "moduli", *MORE))
+@pytest.mark.parametrize(
+    "name", marked("partial pressure", "moduli", *sorted(MORE.keys() - {"stress, plane_stress"}))
+)
 def test_a_page_draws_the_stress_of_cells(name):
     """As far off as it says of points that its modes are not made of, and the largest value much
     less.

@@ -60,6 +60,8 @@ typedef struct {
     int count, largest;
     const double *modes, *given, *pushed, *forced; /* of a displacement of inelastic bodies */
     const double *half; /* of a quadratic one: second derivatives along forces and theta, the lower half by rows */
+    const double *stressed, *shares; /* of stress: rows of cells along forces and theta; shares of cells in a mean */
+    int components, principal; /* of a stress; which of the principal values of a tensor, 0 for the norms of rows */
 } model_output;
 
 /* The smaller and the larger one of two numbers; NaN if either is NaN. */
@@ -365,6 +367,53 @@ static inline double model_displaced(const model_work *w, const model_output *it
 }
 #endif
 
+/* The first, second or third of the eigenvalues of a tensor in Kelvin's notation from the largest on, by Jacobi's
+   rotations. */
+static inline double model_principal(const double *tensor, int components, int which) {
+    const double root = sqrt(0.5), xz = components > 4 ? root * tensor[4] : 0, yz = components > 4 ? root * tensor[5] : 0;
+    double a[3][3] = {{tensor[0], root * tensor[3], xz}, {root * tensor[3], tensor[1], yz}, {xz, yz, tensor[2]}};
+    for (int sweep = 0; sweep < 30; sweep++) {
+        for (int p = 0; p < 2; p++) {
+            for (int q = p + 1; q < 3; q++) {
+                if (a[p][q] == 0) continue;
+                const double ratio = (a[q][q] - a[p][p]) / (2 * a[p][q]);
+                const double tangent = (ratio < 0 ? -1 : 1) / (fabs(ratio) + sqrt(ratio * ratio + 1));
+                const double cosine = 1 / sqrt(tangent * tangent + 1), sine = tangent * cosine;
+                for (int k = 0; k < 3; k++) {
+                    const double first = a[k][p], second = a[k][q];
+                    a[k][p] = cosine * first - sine * second, a[k][q] = sine * first + cosine * second;
+                }
+                for (int k = 0; k < 3; k++) {
+                    const double first = a[p][k], second = a[q][k];
+                    a[p][k] = cosine * first - sine * second, a[q][k] = sine * first + cosine * second;
+                }
+                a[p][q] = a[q][p] = 0;
+            }
+        }
+    }
+    const double x = a[0][0], y = a[1][1], z = a[2][2];
+    const double most = model_max(x, model_max(y, z)), least = model_min(x, model_min(y, z));
+    return which == 1 ? most : which == 3 ? least : model_max(model_min(x, y), model_min(model_max(x, y), z));
+}
+
+/* The largest norm of the rows of cells, their mean by shares, or a principal value of the rows of one tensor. */
+static inline double model_stress(const model_work *w, const model_output *item) {
+    double value = 0;
+    const double *row = item->stressed;
+    for (int cell = 0; cell < item->count; cell++) {
+        double tensor[6], square = 0;
+        for (int c = 0; c < item->components; c++) {
+            double stress = 0;
+            for (int i = 0; i < MODEL_CONDITIONS; i++) stress += *row++ * w->forces[i];
+            for (int t = 0; t < MODEL_TERMS; t++) stress += *row++ * w->theta[t];
+            tensor[c] = stress, square += stress * stress;
+        }
+        if (item->principal) return model_principal(tensor, item->components, item->principal);
+        value = item->shares ? value + item->shares[cell] * sqrt(square) : model_max(value, sqrt(square));
+    }
+    return value;
+}
+
 static inline void model_read(const model_work *w, double *outputs) {
     for (int k = 0; k < MODEL_OUTPUTS; k++) {
         const model_output *item = &model_outputs[k];
@@ -379,6 +428,10 @@ static inline void model_read(const model_work *w, double *outputs) {
                 value += slope * x;
             }
             outputs[k] = value;
+            continue;
+        }
+        if (item->stressed) {
+            outputs[k] = model_stress(w, item);
             continue;
         }
         if (item->forces) {
