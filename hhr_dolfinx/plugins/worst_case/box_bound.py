@@ -265,7 +265,8 @@ class Remaining:
         """Bound of |λ - λ̂|_M over the box.
 
         With p_k = 2 x_k (1 - x_k) <= 1/2, λ̂^T ŝ is at most affine in each p_k: its maximum is
-        where these are 0 or 1/2. Slacks of round-off have a residual of their own."""
+        where these are 0 or 1/2. Slacks of round-off have a residual of their own.
+        """
         means = self.along
         for axis in range(means.ndim):
             first, second = np.split(means, 2, axis=axis)
