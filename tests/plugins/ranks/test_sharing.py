@@ -79,11 +79,14 @@ def test_columns_and_schur_complements_are_reckoned_with(monkeypatch):
     )
 
 
+HELPERS = Path(__file__).parents[2] / "helpers"
+
+
 def test_the_command_trains_on_ranks_together(tmp_path):
     """The model is that of one rank: its figures, and what a page draws, are there."""
     scene = tmp_path / "scene.py"
     scene.write_text(
-        f"import sys\nsys.path.insert(0, {str(Path(__file__).parents[2])!r})\n"
+        f"import sys\nsys.path.insert(0, {str(HELPERS)!r})\n"
         "from scenes import pressed_block\nscene = pressed_block('plane_strain')\n"
     )
     program = "from hhr_dolfinx.command.main import hhr; hhr()"
