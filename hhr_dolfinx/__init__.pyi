@@ -39,6 +39,14 @@ from .plugins.constraints.preload import ForcedSection as ForcedSection
 from .plugins.constraints.preload import Preload as Preload
 from .plugins.constraints.serendipity import Serendipity as Serendipity
 from .plugins.constraints.tie import Tie as Tie
+from .plugins.contact_heat.heat import Convection as Convection
+from .plugins.contact_heat.heat import FixedTemperature as FixedTemperature
+from .plugins.contact_heat.heat import Heat as Heat
+from .plugins.contact_heat.heat import HeatFlux as HeatFlux
+from .plugins.contact_heat.heat import HeatSource as HeatSource
+from .plugins.contact_heat.making import condense_heat as condense_heat
+from .plugins.contact_heat.model import HeatAnswer as HeatAnswer
+from .plugins.contact_heat.model import HeatModel as HeatModel
 from .plugins.decks.nodal_forces import NodalForces as NodalForces
 from .plugins.decks.temperatures import DeckTemperatures as DeckTemperatures
 from .plugins.decks.with_outside import WithOutside as WithOutside

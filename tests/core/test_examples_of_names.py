@@ -57,6 +57,7 @@ NAMES = {
     "answer_points": ("tables",),
     "build": (),
     "condense": (),
+    "condense_heat": ("contact_heat",),
     "load_model": (),
     "reduce": ("one_call",),
     "save_model": (),

@@ -180,7 +180,7 @@ def test_new_moduli_compile_nothing(hypothesis, none_compiled):
         assert largest_difference(other, 2 * one) <= 1e-14  # products of numbers in another order
 
 
-@needs("plots")
+@needs("plots", "elasticity")
 def test_new_parameters_compile_nothing(none_compiled):
     """The error of the mesh at other parameters of a formula; it scales with no modulus."""
     scene = pressed_pair(

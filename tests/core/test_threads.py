@@ -293,7 +293,7 @@ def varying_friction(request):
     )
 
 
-@needs("friction")
+@needs("friction", "elasticity")
 def test_a_contact_problem_outlives_that_of_another_point(varying_friction):
     """Derivatives of one point are its own though the factors were made for another one since."""
     full = varying_friction
@@ -311,7 +311,7 @@ def test_a_contact_problem_outlives_that_of_another_point(varying_friction):
         )
 
 
-@needs("friction")
+@needs("friction", "elasticity")
 def test_gradients_of_one_full_model_with_friction(varying_friction):
     """Slopes of marches in threads are those of one thread, bit by bit, though each has a stiffness
     of its own.

@@ -125,7 +125,7 @@ def test_what_a_way_to_reduce_may_return(training):
             training.build(returning(found))
 
 
-@needs("conformance")
+@needs("conformance", "elasticity")
 def test_it_keeps_the_contract_which_wrong_claims_break():
     from hhr_dolfinx.testing import check_reductor
 

@@ -216,7 +216,7 @@ def test_outputs_that_stay_out_are_named(monkeypatch):
     assert "#define PRESS_OUTPUTS 4" in text
 
 
-@needs("moduli")
+@needs("moduli", "shapes")
 def test_outputs_of_shapes_stay_out():
     shaped = hhr.condense(SCENES["shape"]())
     with (

@@ -163,11 +163,11 @@ def marked(*names):
     marks["space"].append(needs("mortar", "shapes", "volume_loads"))
     marks["shape"].append(needs("shapes"))
     marks["moving tool"] = [needs("obstacles")]
-    marks["bed"] = [needs("nodal_loads", "shared_nodes")]
+    marks["bed"] = [needs("nodal_loads", "shared_nodes", "elasticity")]
     marks |= {
         "sphere": [needs("mortar")],
-        "heat": [needs("volume_loads")],
-        **{name: [needs("stress", "volume_loads")] for name in STRESSES},
+        "heat": [needs("volume_loads", "elasticity")],
+        **{name: [needs("elasticity", "volume_loads")] for name in STRESSES},
         "held by contact": [needs("nonmatching")],
     }
     return [pytest.param(name, marks=marks.get(name, ())) for name in names]

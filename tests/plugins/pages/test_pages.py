@@ -420,7 +420,7 @@ def test_slopes_on_the_border_stay_inside_the_box():
         np.testing.assert_allclose(slopes, exact[name], rtol=1e-3)
 
 
-@needs("moduli")
+@needs("moduli", "shapes")
 def test_where_shapes_are_parameters_forces_are_shown_and_no_pressures():
     """Areas are those of one shape, by which forces of another one are no pressures."""
     _, model, scenery = known("shape")

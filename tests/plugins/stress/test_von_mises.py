@@ -25,6 +25,7 @@ if present("inelastic"):
     ELASTIC["wood"] = {"law": hhr.Orthotropic(9.0, 3.0, 1.5, 0.4, 0.3, 0.2, 1.0, 0.8, 0.3, axes)}
 
 
+@needs("elasticity")
 @pytest.mark.parametrize("elastic", ELASTIC)
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "plane_stress", "axisymmetric", "solid"])
 def test_von_mises_stress_of_heated_bodies(hypothesis, elastic):
@@ -55,6 +56,7 @@ def test_von_mises_stress_of_heated_bodies(hypothesis, elastic):
             assert slope[1] == pytest.approx((ends[1] - ends[0]) / 2e-5, rel=1e-6), name
 
 
+@needs("elasticity")
 @pytest.mark.parametrize("elastic", ELASTIC)
 @pytest.mark.parametrize("hypothesis", ["plane_stress", "axisymmetric", "solid"])
 def test_a_free_body_has_no_stress_by_heat_or_swelling(hypothesis, elastic):

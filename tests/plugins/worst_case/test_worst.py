@@ -532,6 +532,7 @@ def test_friction_is_refused_since_its_answers_depend_on_the_path():
         hhr.worst(hhr.condense(scene), "peak")
 
 
+@needs("moduli")
 def test_a_stiffness_that_is_a_parameter_is_refused():
     scene = pressed_block("plane_strain")
     body = replace(scene.bodies[0], young="E")

@@ -1,0 +1,15 @@
+"""Heat through contacts: conductance of pressure and gap, expansion; exact and condensed."""
+
+from hhr_dolfinx.registry import Plugin
+
+_HERE = "hhr_dolfinx.plugins.contact_heat"
+
+PLUGIN = Plugin(
+    name="contact_heat",
+    needs=("elasticity", "small_strains"),
+    public={
+        f"{_HERE}.heat": "Heat FixedTemperature HeatFlux HeatSource Convection",
+        f"{_HERE}.model": "HeatModel HeatAnswer",
+        f"{_HERE}.making": "condense_heat",
+    },
+)

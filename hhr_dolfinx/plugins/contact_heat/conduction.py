@@ -1,0 +1,296 @@
+"""Heat in the bodies of a scene, eliminated down to heat flows of contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
+
+from hhr_dolfinx import compat
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.forms.elasticity import volume_weight
+from hhr_dolfinx.formulas import Formula, Scalar, formula_of
+from hhr_dolfinx.plugins.contact_heat.heat import Convection, Heat, HeatFlux, HeatSource
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.loads import Load
+
+
+@dataclass(frozen=True, eq=False)
+class Conduction:
+    """Temperatures by supplies, heat flows of contacts and levels of bodies, and what they expand.
+
+    n nodes, m conditions, b bodies that contact alone feeds, t supplies and fixed temperatures.
+    """
+
+    amplitudes: tuple[Scalar, ...]  #: of the supplies and fixed temperatures, (t,)
+    temperatures: np.ndarray  #: per amplitude, (n, t)
+    per_heat: np.ndarray  #: fall of the temperature per heat flow, K_T^-1 B_T^T, (n, m)
+    levels: np.ndarray  #: 1 in each body that contact alone feeds, (n, b)
+    jumps: csr_matrix  #: B_T, temperature of the first surface less that of the second, (m, n)
+    supplied: np.ndarray  #: heat to each body that contact alone feeds, per amplitude, (b, t)
+    expansion: csr_matrix  #: C, nodal forces per temperature, (N, n)
+    at_rest: np.ndarray  #: nodal forces of the reference temperatures, (N,)
+
+
+@dataclass(frozen=True, eq=False)
+class HeatSystem:
+    """Heat of a scene before it is eliminated: K_T T = loads - B_T^T q, with fixed T."""
+
+    amplitudes: tuple[Scalar, ...]  #: of the supplies and fixed temperatures, (t,)
+    stiffness: csr_matrix  #: K_T, conductivity and convection, (n, n)
+    loads: np.ndarray  #: heat to each node per amplitude, (n, t)
+    lifted: np.ndarray  #: fixed temperatures per amplitude, 0 elsewhere, (n, t)
+    fixed: np.ndarray  #: nodes of fixed temperatures
+    levels: np.ndarray  #: see :class:`Conduction`
+    pins: np.ndarray  #: a node of each body that contact alone feeds, (b,)
+    jumps: csr_matrix  #: see :class:`Conduction`
+    expansion: csr_matrix  #: see :class:`Conduction`
+    at_rest: np.ndarray  #: see :class:`Conduction`
+
+
+def heat_system(full: FullOrderModel, heat: Heat) -> HeatSystem:
+    """Assemble the heat of a scene.
+
+    Args:
+        full: the full model of the scene, on one rank.
+        heat: its heat.
+
+    Raises:
+        SceneError: for unknown tags, or a body to which no temperature is given.
+    """
+    assembly = _Assembly(full.discretisation, heat)
+    stiffness, loads, amplitudes = assembly.heat()
+    fixed, values, of_fixed = _fixed(full.discretisation, heat)
+    jumps = jumps_of(full.problem)
+    levels, pins = _levels(stiffness, fixed, assembly.cooled, jumps)
+    expansion, at_rest = assembly.expansion()
+    names = full.parameters.names
+    return HeatSystem(
+        amplitudes=tuple(Scalar(formula.text, names) for formula in (*amplitudes, *of_fixed)),
+        stiffness=stiffness,
+        loads=np.hstack([loads, np.zeros_like(values)]),
+        lifted=np.hstack([np.zeros_like(loads), values]),
+        fixed=fixed,
+        levels=levels,
+        pins=pins,
+        jumps=jumps,
+        expansion=expansion,
+        at_rest=at_rest,
+    )
+
+
+def eliminated(system: HeatSystem) -> Conduction:
+    """Factor K_T, and solve it for all supplies and heat flows.
+
+    Args:
+        system: heat of a scene.
+    """
+    held = np.ones(len(system.lifted), dtype=bool)
+    held[system.fixed] = held[system.pins] = False
+    factor = splu(csc_matrix(system.stiffness[held][:, held]))
+    temperatures = system.lifted.copy()
+    temperatures[held] += factor.solve((system.loads - system.stiffness @ system.lifted)[held])
+    per_heat = np.zeros((len(held), system.jumps.shape[0]))
+    per_heat[held] = factor.solve(np.ascontiguousarray(system.jumps.T.toarray()[held]))
+    return Conduction(
+        amplitudes=system.amplitudes,
+        temperatures=temperatures,
+        per_heat=per_heat,
+        levels=system.levels,
+        jumps=system.jumps,
+        supplied=system.levels.T @ system.loads,
+        expansion=system.expansion,
+        at_rest=system.at_rest,
+    )
+
+
+def jumps_of(problem: Any) -> csr_matrix:
+    """B_T of a contact problem, (m, n): weights of nodes as in B, without the normal.
+
+    A condition sums the normal displacement of nodes by weights; the temperature by the same.
+
+    Args:
+        problem: the contact problem.
+    """
+    whole = csr_matrix(problem.whole_contact)
+    dim = problem.points.shape[1]
+    rows, weights, columns = [], [], []
+    for row, slave in enumerate(problem.contact_slaves):
+        entries = slice(whole.indptr[row], whole.indptr[row + 1])
+        nodes, places = np.unique(whole.indices[entries] // dim, return_inverse=True)
+        blocks = np.zeros((nodes.size, dim))
+        np.add.at(blocks, (places, whole.indices[entries] % dim), whole.data[entries])
+        normal = blocks[nodes == slave].sum(axis=0)
+        along = blocks @ (normal / np.linalg.norm(normal))
+        along /= along[along > 0].sum()
+        rows += [row] * nodes.size
+        weights += along.tolist()
+        columns += nodes.tolist()
+    shape = (len(problem.contact_slaves), len(problem.points))
+    return csr_matrix((weights, (rows, columns)), shape=shape)
+
+
+def _fixed(
+    discretisation: Discretisation, heat: Heat
+) -> tuple[np.ndarray, np.ndarray, list[Formula]]:
+    """Nodes of fixed temperatures, their values per amplitude, (n, k), and the amplitudes.
+
+    A node of several has the last.
+    """
+    count = discretisation.size // discretisation.mesh.geometry.dim
+    values = np.zeros((count, len(heat.temperatures)))
+    for column, item in enumerate(heat.temperatures):
+        nodes = discretisation.nodes(item.tag)
+        values[nodes] = 0.0
+        values[nodes, column] = 1.0
+    amplitudes = [formula_of(item.temperature, "a temperature") for item in heat.temperatures]
+    return np.flatnonzero(values.any(axis=1)), values, amplitudes
+
+
+def _levels(
+    stiffness: csr_matrix, fixed: np.ndarray, cooled: np.ndarray, jumps: csr_matrix
+) -> tuple[np.ndarray, np.ndarray]:
+    """1 in each part of the mesh without fixed temperature and convection, (n, b), and one node of
+    each, which is held instead of the level.
+
+    Raises:
+        SceneError: if no contact feeds such a part.
+    """
+    _, owner = connected_components(stiffness, directed=False)
+    fed = set(owner[np.concatenate([fixed, cooled])])
+    free = [number for number in np.unique(owner) if number not in fed]
+    levels = np.column_stack([np.zeros((len(owner), 0)), *(owner == number for number in free)])
+    reached = np.abs(jumps).T @ np.ones(jumps.shape[0]) > 0
+    for column in levels.T:
+        if not reached[column > 0].any():
+            raise SceneError(
+                "a body has neither a fixed temperature nor convection nor a contact: its "
+                "temperature is not determined, give it one"
+            )
+    return levels, np.array([np.flatnonzero(column)[0] for column in levels.T], dtype=int)
+
+
+class _Assembly:
+    """Forms of heat on the mesh of a scene, in the order of its nodes."""
+
+    def __init__(self, discretisation: Discretisation, heat: Heat):
+        self._discretisation = discretisation
+        self._heat = heat
+        mesh = discretisation.mesh
+        self._space, parents = discretisation.space.sub(0).collapse()
+        self._node = np.ravel(parents).astype(np.int64) // mesh.geometry.dim
+        self._weight = volume_weight(mesh, discretisation.scene.hypothesis)
+        self._bodies = {body.tag for body in discretisation.scene.bodies}
+        self.cooled = np.zeros(0, dtype=np.int64)  #: nodes with convection
+
+    def heat(self) -> tuple[csr_matrix, np.ndarray, list[Formula]]:
+        """Conductivity matrix, (n, n), loads of the supplies, (n, k), and their amplitudes."""
+        trial, test = ufl.TrialFunction(self._space), ufl.TestFunction(self._space)
+        form = sum(
+            (
+                self._constant(value) * self._weight * ufl.inner(ufl.grad(trial), ufl.grad(test))
+                * self._discretisation.cells(tag)
+                for tag, value in self._conductivities()
+            ),
+            start=ufl.Form([]),
+        )  # fmt: skip
+        loads = []
+        amplitudes = []
+        for item in self._heat.supplies:
+            ways = self._discretisation.assembler(cast("Load", item))  # which messages name
+            measure = ways.dx(item.tag) if isinstance(item, HeatSource) else ways.ds(item.tag)
+            factor = 1.0
+            if isinstance(item, Convection):
+                factor = item.coefficient
+                form += self._constant(factor) * self._weight * trial * test * measure
+                self.cooled = np.union1d(self.cooled, self._discretisation.nodes(item.tag))
+            vector = fem.assemble_vector(
+                compat.jitted(fem.form, self._constant(factor) * self._weight * test * measure)
+            ).array
+            loads.append(self._ordered(vector))
+            amplitudes.append(_amplitude_of(item))
+        order = np.argsort(self._node)
+        stiffness = self._matrix(form, len(order))[order][:, order]
+        columns = np.column_stack([np.zeros((len(self._node), 0)), *loads])
+        return stiffness, columns, amplitudes
+
+    def expansion(self) -> tuple[csr_matrix, np.ndarray]:
+        """Nodal forces per temperature, (N, n), and those of the reference temperatures, (N,)."""
+        discretisation = self._discretisation
+        field = fem.Function(self._space)
+        unit = ufl.Identity(3)
+        total = csr_matrix((discretisation.size, len(self._node)))
+        at_rest = np.zeros(discretisation.size)
+
+        def derivative(form: ufl.Form) -> csr_matrix:
+            along = ufl.derivative(form, field, ufl.TrialFunction(self._space))
+            return self._matrix(along, discretisation.size)[:, np.argsort(self._node)]
+
+        for tag, value in self._heat.expansion.items():
+            self._check(tag)
+            strain = self._constant(value) * field * unit
+            parts = discretisation.elasticity.eigenstress(discretisation, tag, strain, derivative)
+            for modulus, matrix in parts:
+                if modulus.variables:
+                    raise SceneError(
+                        f"the moduli of body {tag} depend on parameters: heat through contacts is "
+                        "for constant ones"
+                    )
+                scaled = float(modulus({})) * matrix
+                total = total + scaled
+                at_rest -= self._heat.reference_of(tag) * np.asarray(scaled.sum(axis=1)).ravel()
+        return total, at_rest
+
+    def _conductivities(self) -> Iterator[tuple[Any, float]]:
+        """Conductivity of each body.
+
+        Raises:
+            SceneError: for a body without one, or an unknown body.
+        """
+        for tag in self._heat.conductivity:
+            self._check(tag)
+        for body in self._discretisation.scene.bodies:
+            if body.tag not in self._heat.conductivity:
+                raise SceneError(f"body {body.tag} needs a conductivity: name it in Heat(...)")
+            yield body.tag, self._heat.conductivity[body.tag]
+
+    def _check(self, tag: Any) -> None:
+        if tag not in self._bodies:
+            raise SceneError(
+                f"heat names a body {tag!r}, the bodies of the scene are {sorted(self._bodies)}"
+            )
+
+    def _constant(self, value: float) -> fem.Constant:
+        return self._discretisation.constant(value)
+
+    def _ordered(self, vector: np.ndarray) -> np.ndarray:
+        ordered = np.zeros(len(self._node))
+        ordered[self._node] = vector
+        return ordered
+
+    def _matrix(self, form: ufl.Form, rows: int) -> csr_matrix:
+        """Matrix of a form whose trial function is a temperature, (rows, n), in DOLFINx' order."""
+        matrix = fem_petsc.assemble_matrix(compat.jitted(fem.form, form))
+        matrix.assemble()
+        indptr, indices, data = matrix.getValuesCSR()
+        matrix.destroy()
+        return csr_matrix((data, indices, indptr), shape=(rows, len(self._node)))
+
+
+def _amplitude_of(item: HeatFlux | HeatSource | Convection) -> Formula:
+    if isinstance(item, HeatFlux):
+        value = item.flux
+    else:
+        value = item.power if isinstance(item, HeatSource) else item.surroundings
+    return formula_of(value, "a supply of heat")

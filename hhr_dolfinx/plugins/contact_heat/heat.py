@@ -1,0 +1,158 @@
+"""Heat of a scene as a user gives it: conductivities, supplies, conductances of contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.declared import KnownArguments
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.formulas import Formula, formula_of
+from hhr_dolfinx.parameters import Tag, check_tag, is_number
+
+PRESSURE = "p"
+GAP = "g"
+"""Names of the contact pressure and of the gap in formulas of conductances."""
+
+
+def _amplitude(item: Any, name: str, what: str) -> None:
+    """Convert a number or text of a frozen item to a formula."""
+    object.__setattr__(item, name, formula_of(getattr(item, name), f"the {name} of {what}"))
+
+
+@dataclass(frozen=True)
+class FixedTemperature(KnownArguments):
+    """Temperature of tagged facets.
+
+    Attributes:
+        tag: facet tag, or set of nodes.
+        temperature: number, or formula of the parameters as text.
+    """
+
+    tag: Tag
+    temperature: float | str | Formula
+
+    def __post_init__(self) -> None:
+        check_tag("fixed temperature", self.tag)
+        _amplitude(self, "temperature", f"tag {self.tag}")
+
+
+@dataclass(frozen=True)
+class HeatFlux(KnownArguments):
+    """Heat per area and time into tagged facets.
+
+    Attributes:
+        tag: facet tag.
+        flux: number, or formula of the parameters as text; power per area.
+    """
+
+    tag: Tag
+    flux: float | str | Formula
+
+    def __post_init__(self) -> None:
+        check_tag("heat flux", self.tag)
+        _amplitude(self, "flux", f"tag {self.tag}")
+
+
+@dataclass(frozen=True)
+class HeatSource(KnownArguments):
+    """Heat per volume and time in a body, such as that of fission.
+
+    Attributes:
+        tag: cell tag of the body.
+        power: number, or formula of the parameters as text; power per volume.
+    """
+
+    tag: Tag
+    power: float | str | Formula
+
+    def __post_init__(self) -> None:
+        check_tag("heat source", self.tag)
+        _amplitude(self, "power", f"body {self.tag}")
+
+
+@dataclass(frozen=True)
+class Convection(KnownArguments):
+    """Heat that leaves tagged facets, ``coefficient`` times the excess over the surroundings.
+
+    Attributes:
+        tag: facet tag.
+        coefficient: positive number, power per area and temperature.
+        surroundings: temperature of the surroundings: number, or formula as text.
+    """
+
+    tag: Tag
+    coefficient: float
+    surroundings: float | str | Formula
+
+    def __post_init__(self) -> None:
+        check_tag("convection", self.tag)
+        if not is_number(self.coefficient) or self.coefficient <= 0:
+            raise SceneError(
+                f"the coefficient {self.coefficient!r} of convection on tag {self.tag} must be "
+                "positive"
+            )
+        _amplitude(self, "surroundings", f"convection on tag {self.tag}")
+
+
+Supply = HeatFlux | HeatSource | Convection
+"""Ways by which heat enters and leaves, but for fixed temperatures and contacts."""
+
+
+@dataclass(frozen=True)
+class Heat(KnownArguments):
+    """Steady heat in the bodies of a scene, through its contacts, and the expansion that it causes.
+
+    Contact i conducts conductance(p, g) times the jump of the temperature, per area: p is the
+    contact pressure, not negative, g the gap. Everything is in the units of the scene: with N and
+    mm a conductivity is in mW / (mm K), a conductance in mW / (mm^2 K).
+
+    Attributes:
+        conductivity: positive number of each body, by its cell tag.
+        conductance: of each contact, by its number in the scene: number, or formula as text of the
+            pressure ``p``, the gap ``g`` and the parameters, ``"2.5 * p**0.95 + 0.3 / (g +
+            1e-3)"``. Contacts without one do not conduct.
+        expansion: coefficient of linear expansion, by cell tag; bodies without one do not expand.
+        reference: temperature without thermal strain: a number, or one by cell tag.
+        temperatures: fixed temperatures.
+        supplies: heat fluxes, heat sources and convection.
+
+    Raises:
+        SceneError: for numbers that are not positive, or unknown names in formulas.
+    """
+
+    conductivity: Mapping[Tag, float]
+    conductance: Mapping[int, float | str]
+    expansion: Mapping[Tag, float] = field(default_factory=dict)
+    reference: float | Mapping[Tag, float] = 0.0
+    temperatures: Sequence[FixedTemperature] = ()
+    supplies: Sequence[Supply] = ()
+
+    def __post_init__(self) -> None:
+        for tag, value in self.conductivity.items():
+            if not is_number(value) or value <= 0:
+                raise SceneError(f"the conductivity {value!r} of body {tag} must be positive")
+        for tag, value in self.expansion.items():
+            if not is_number(value):
+                raise SceneError(f"the expansion {value!r} of body {tag} must be a number")
+        for name, kinds in (("temperatures", FixedTemperature), ("supplies", Supply)):
+            wrong = [item for item in getattr(self, name) if not isinstance(item, kinds)]
+            if wrong:
+                raise SceneError(f"{wrong[0]!r} is none of the {name} of heat")
+        references = self.reference.values() if isinstance(self.reference, Mapping) else [0.0]
+        single = [] if isinstance(self.reference, Mapping) else [self.reference]
+        if not all(is_number(value) and np.isfinite(value) for value in (*references, *single)):
+            raise SceneError(f"the reference {self.reference!r} must be a temperature")
+
+    def reference_of(self, tag: Tag) -> float:
+        """Temperature of a body without thermal strain.
+
+        Args:
+            tag: cell tag of the body.
+        """
+        if isinstance(self.reference, Mapping):
+            return float(self.reference.get(tag, 0.0))
+        return float(self.reference)

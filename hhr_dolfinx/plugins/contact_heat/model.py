@@ -1,0 +1,362 @@
+"""Condensed models with heat through contacts, and their answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.errors import ConvergenceError, HHRError, StabilityWarning
+from hhr_dolfinx.formulas import Scalar
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plugins.contact_heat.conduction import Conduction
+from hhr_dolfinx.plugins.contact_heat.heat import GAP, PRESSURE
+from hhr_dolfinx.plugins.contact_heat.newton import CoupledContact, CoupledSolution, solved
+from hhr_dolfinx.warn import warn
+
+IMAGINARY_STEP = 1e-30
+"""Step of the complex derivatives of conductances: they are exact to round-off."""
+ALIKE_ANSWERS = 1e-8
+"""Difference over the size of forces or heat flows up to which two answers are the same: that of
+solutions whose last step was 1e-12 is far below.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class HeatAnswer:
+    """Answer with heat through contacts.
+
+    Attributes:
+        parameter: the parameter, (P,).
+        heat: heat flow of each condition from the first surface of its contact to the second, (m,):
+            a power, per unit depth in the plane and of the whole turn in axisymmetry.
+        jump: temperature of the first surface less that of the second, (m,).
+        converged: True if contact and heat are in balance.
+        steps: steps of Newton's method.
+        several: True if another start has another answer, or none.
+    """
+
+    parameter: np.ndarray
+    heat: np.ndarray
+    jump: np.ndarray
+    converged: bool
+    steps: int
+    several: bool
+    _model: HeatModel
+    _solution: CoupledSolution
+
+    @cached_property
+    def mechanical(self) -> Answer:
+        """Answer of the contact problem under these temperatures, with all that such answers have:
+        displacement, pressure, picture.
+        """
+        return self._model.mechanical_answer(self)
+
+    def forces(self) -> np.ndarray:
+        """Contact forces, (m,), see :meth:`hhr_dolfinx.models.answer.Answer.forces`."""
+        return self._solution.forces.copy()
+
+    @property
+    def levels(self) -> np.ndarray:
+        """Temperatures of bodies that contact alone feeds, above those of their supplies, (b,)."""
+        return self._solution.levels
+
+    def displacement(self) -> np.ndarray:
+        """Displacement on the whole mesh, (N,)."""
+        return self.mechanical.displacement()
+
+    def temperature(self) -> np.ndarray:
+        """Temperature at the nodes of the mesh, (n,)."""
+        conduction = self._model.conduction
+        fields = conduction.temperatures @ self._model.supplies(self.parameter)
+        return fields - conduction.per_heat @ self.heat + conduction.levels @ self.levels
+
+    def heat_through(self, contact: int) -> float:
+        """Heat flow through a contact from its first surface to the second.
+
+        Args:
+            contact: number of the contact in the scene.
+        """
+        return float(self.heat[self._model.pairs == contact].sum())
+
+    def outputs(self) -> dict[str, float]:
+        """Outputs of the scene by name, and ``heat 0``, ``heat 1``, the flow of each contact."""
+        none = self._model.mechanical.fields.functionals is None
+        scene = {} if none else dict(self.mechanical.outputs())
+        flows = {f"heat {k}": self.heat_through(k) for k in self._model.conductances}
+        return {**scene, **flows}
+
+
+class HeatModel:
+    """Condensed model of contact and heat: exact to round-off, without training.
+
+    Made by :func:`~hhr_dolfinx.plugins.contact_heat.making.condense_heat`.
+
+    Attributes:
+        parameters: the box of the parameters.
+        mechanical: condensed model of the scene with heat flows and levels as further parameters.
+        conduction: temperatures per heat flow and supply.
+        conductances: formulas by contact; their last two names are the pressure and the gap.
+        pairs: contact of each condition, (m,).
+    """
+
+    def __init__(
+        self,
+        parameters: ParameterSpace,
+        mechanical: CondensedModel,
+        conduction: Conduction,
+        conductances: dict[int, Scalar],
+        areas: np.ndarray,
+    ):
+        self.parameters = parameters
+        self.mechanical = mechanical
+        self.conduction = conduction
+        self.conductances = conductances
+        assert mechanical.pairs is not None
+        self.pairs = mechanical.pairs
+        self._areas = areas
+        responses = mechanical.eliminated.responses  # type: ignore[attr-defined]
+        self._schur = responses.schur
+        self._free_slack = responses.free_slack
+        self._amplitudes = mechanical.eliminated.amplitudes  # type: ignore[attr-defined]
+        slopes = self._amplitudes.slopes[:, len(parameters.names) :]
+        self._per_heat = self._free_slack[:, : len(slopes)] @ slopes
+        self._jumps = conduction.jumps @ conduction.temperatures
+        self._compliance = conduction.jumps @ conduction.per_heat
+        self._levels = conduction.jumps @ conduction.levels
+
+    def __repr__(self) -> str:
+        return (
+            f"<condensed model with heat: {len(self._schur)} contact conditions, "
+            f"{len(self.parameters.names)} parameters>"
+        )
+
+    @property
+    def conditions(self) -> int:
+        """Number of contact conditions."""
+        return len(self._schur)
+
+    def supplies(self, point: np.ndarray) -> np.ndarray:
+        """Amplitudes of supplies and fixed temperatures at a point, (t,).
+
+        Args:
+            point: parameter, (P,).
+        """
+        return np.array([scalar.value(point) for scalar in self.conduction.amplitudes])
+
+    def balances(self, point: Any) -> list[HeatAnswer]:
+        """The different balances that two starts find: contact without heat, and closed contacts
+        that conduct perfectly. Empty where neither finds one.
+
+        Args:
+            point: parameter, (P,), or values by name.
+
+        Raises:
+            ParameterError: for a point that is none of the box.
+        """
+        checked = self.parameters.point(point)
+        contact = self._coupled(checked)
+        found = [one for one in self._found(contact) if one.converged]
+        if len(found) == 2 and _alike(*found):
+            del found[1]
+        return [self._answer(checked, contact, one, several=len(found) > 1) for one in found]
+
+    def solve(self, point: Any, *, both: bool = True, raise_on_failure: bool = True) -> HeatAnswer:
+        """Answer to a point, that of contact without heat as the start if that finds a balance.
+
+        Args:
+            point: parameter, (P,), or values by name.
+            both: look for another balance too, from closed contacts, and warn of it: twice the
+                time. Without, that start is taken only where the first one finds none.
+            raise_on_failure: raise where no balance is found, or return NaN.
+
+        Raises:
+            ParameterError: for a point that is none of the box.
+            ConvergenceError: where neither start ends in a balance, as heat may have none.
+
+        Warns:
+            StabilityWarning: where the two end in different balances: heat through contacts may
+                have several, or none (Barber 1978).
+        """
+        checked = self.parameters.point(point)
+        contact = self._coupled(checked)
+        found = self._found(contact, both)
+        balanced = [one for one in found if one.converged]
+        if not balanced:
+            if raise_on_failure:
+                raise ConvergenceError(
+                    f"contact and heat find no balance at {self.parameters.described(checked)}: "
+                    "there may be none, as where heat opens what must be closed to conduct it. "
+                    "Give the gap a conductance too, or a smoother one"
+                )
+            return self._answer(checked, contact, found[0], several=False)
+        several = both and (len(balanced) < len(found) or not _alike(*found))
+        if several:
+            start = "contact without heat" if found[0].converged else "closed contacts"
+            warn(
+                f"at {self.parameters.described(checked)} contact and heat have several balances, "
+                f"or one start of two finds none: this one is that from {start}, see "
+                "model.balances(point)",
+                StabilityWarning,
+            )
+        return self._answer(checked, contact, balanced[0], several=several)
+
+    def solve_many(
+        self, points: Any, *, both: bool = True, raise_on_failure: bool = True
+    ) -> list[HeatAnswer]:
+        """Answers to many points, (n, P), as :meth:`solve` finds them.
+
+        Args:
+            points: parameters, (n, P).
+            both, raise_on_failure: see :meth:`solve`.
+        """
+        checked = self.parameters.points(points)
+        more = {"both": both, "raise_on_failure": raise_on_failure}
+        return [self.solve(point, **more) for point in checked]
+
+    def march(self, points: Any, *, raise_on_failure: bool = True) -> list[HeatAnswer]:
+        """Answers along a history, (n, P): each starts from the one before, and stays with its
+        balance where there are several, as bodies do that warm slowly.
+
+        Args:
+            points: parameters in the order of the history, (n, P).
+            raise_on_failure: see :meth:`solve`.
+        """
+        answers: list[HeatAnswer] = []
+        for point in self.parameters.points(points):
+            contact = self._coupled(point)
+            if answers and answers[-1].converged:
+                before = answers[-1]
+                flows = np.concatenate([before.heat, before.levels])
+                found = solved(contact, before.forces(), flows)
+                if found.converged:
+                    answers.append(self._answer(point, contact, found, several=False))
+                    continue
+            answers.append(self.solve(point, both=False, raise_on_failure=raise_on_failure))
+        return answers
+
+    def outputs(self, point: Any) -> dict[str, float]:
+        """Outputs at a point, see :meth:`HeatAnswer.outputs`.
+
+        Args:
+            point: parameter, (P,), or values by name.
+        """
+        return self.solve(point).outputs()
+
+    def mechanical_answer(self, answer: HeatAnswer) -> Answer:
+        """Answer of the contact problem under the heat flows of an answer.
+
+        Args:
+            answer: an answer of this model.
+
+        Raises:
+            HHRError: for an answer that is no balance.
+        """
+        if not answer.converged:
+            raise HHRError("contact and heat found no balance: there is no answer to read")
+        point = np.concatenate([answer.parameter, answer.heat, answer.levels])
+        contact = self.mechanical.eliminated(point)
+        return self.mechanical.from_contact(contact, point, raise_on_failure=True)
+
+    def _coupled(self, point: np.ndarray) -> CoupledContact:
+        still = np.concatenate([point, np.zeros(self._per_heat.shape[1])])
+        supplies = self.supplies(point)
+        return CoupledContact(
+            slack=self._free_slack @ self._amplitudes(still),
+            schur=self._schur,
+            per_heat=self._per_heat,
+            jump=self._jumps @ supplies,
+            compliance=self._compliance,
+            levels=self._levels,
+            supplied=self.conduction.supplied @ supplies,
+            areas=self._areas,
+            conductance=lambda pressures, gaps: self._conducted(point, pressures, gaps),
+        )
+
+    def _conducted(
+        self, point: np.ndarray, pressures: np.ndarray, gaps: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Conductances of all conditions and their derivatives along pressure and gap."""
+        found = np.zeros((3, pressures.size))
+        for contact, scalar in self.conductances.items():
+            rows = self.pairs == contact
+            values = dict(zip(self.parameters.names, point.tolist(), strict=True))
+            at = {PRESSURE: pressures[rows], GAP: gaps[rows]}
+            for place, name in enumerate((PRESSURE, GAP), start=1):
+                complex_ = {**at, name: at[name] + 1j * IMAGINARY_STEP}
+                changed = np.asarray(scalar.formula(values | complex_))
+                found[place, rows] = np.imag(changed) / IMAGINARY_STEP
+            found[0, rows] = np.real(np.asarray(scalar.formula(values | at)))
+        return found[0], found[1], found[2]
+
+    def _found(self, contact: CoupledContact, both: bool = True) -> list[CoupledSolution]:
+        """Solutions from contact without heat, and from closed contacts that conduct perfectly: if
+        both are wanted, or the first is none.
+        """
+        cold = _without_heat(contact)
+        nothing = np.zeros(self._per_heat.shape[1])
+        first = solved(contact, np.nan_to_num(cold.forces), nothing)
+        if first.converged and not both:
+            return [first]
+        flows = self._perfect @ np.concatenate([contact.jump, contact.supplied])
+        closed = np.linalg.solve(self._schur, -contact.slack - self._per_heat @ flows)
+        pressed = np.maximum(closed, 0.1 * np.abs(closed).max(initial=0.0))
+        return [first, solved(contact, pressed, flows)]
+
+    @cached_property
+    def _perfect(self) -> np.ndarray:
+        """Heat flows of contacts that conduct perfectly, and levels of bodies, per jump and supply,
+        (m + b, m + b); the least ones where temperatures are fixed on both sides.
+        """
+        bodies = self._levels.shape[1]
+        conducts = np.isin(self.pairs, list(self.conductances)).astype(float)
+        matrix = np.block(
+            [
+                [
+                    conducts[:, None] * self._compliance * conducts,
+                    -conducts[:, None] * self._levels,
+                ],
+                [self._levels.T * conducts, np.zeros((bodies, bodies))],
+            ]
+        )
+        return np.linalg.pinv(matrix)
+
+    def _answer(
+        self, point: np.ndarray, contact: CoupledContact, found: CoupledSolution, several: bool
+    ) -> HeatAnswer:
+        jump = contact.jump - contact.compliance @ found.heat + contact.levels @ found.levels
+        return HeatAnswer(
+            point, found.heat, jump, found.converged, found.steps, several, self, found
+        )
+
+
+def _without_heat(contact: CoupledContact) -> CoupledSolution:
+    """Contact alone, at the temperatures without heat flows."""
+    m = contact.slack.size
+    still = contact._replace(
+        per_heat=contact.per_heat[:, :m],
+        jump=np.zeros(m),
+        levels=np.zeros((m, 0)),
+        supplied=np.zeros(0),
+        conductance=_nothing,
+    )
+    return solved(still, np.ones(m), np.zeros(m))
+
+
+def _nothing(pressures: np.ndarray, gaps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """No conductance."""
+    nothing = np.zeros(pressures.size)
+    return nothing, nothing, nothing
+
+
+def _alike(first: CoupledSolution, second: CoupledSolution) -> bool:
+    """True for two solutions that differ by round-off."""
+    pairs = ((first.forces, second.forces), (first.heat, second.heat))
+    return all(
+        np.abs(one - other).max(initial=0.0) <= ALIKE_ANSWERS * np.abs(one).max(initial=0.0)
+        for one, other in pairs
+    )

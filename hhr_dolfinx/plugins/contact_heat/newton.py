@@ -1,0 +1,170 @@
+"""Forces and heat flows of the contacts together, by a semi-smooth Newton's method."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+Conductance = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""Maps pressures and gaps, (m,) each, to conductances and their derivatives along both."""
+STEPS = 60
+"""Most steps; a solution takes five to ten where the conductance is smooth."""
+SETTLED = 1e-12
+"""Step over the size of the unknown at which a solution is accepted: its error is the square."""
+HALVINGS = 8
+"""Most halvings of a step whose residual grows."""
+
+
+class CoupledContact(NamedTuple):
+    """Contact and heat at one parameter (m conditions, b bodies that contact alone feeds)."""
+
+    slack: np.ndarray  #: without forces and heat, (m,)
+    schur: np.ndarray  #: slack per force, (m, m)
+    per_heat: np.ndarray  #: slack per heat flow and temperature of a body, (m, m + b)
+    jump: np.ndarray  #: of the temperature, first surface less second, without heat flows, (m,)
+    compliance: np.ndarray  #: jump that a heat flow takes away, (m, m)
+    levels: np.ndarray  #: jump per temperature of a body, (m, b)
+    supplied: np.ndarray  #: heat that is supplied to each of these bodies, (b,)
+    areas: np.ndarray  #: tributary areas, (m,)
+    conductance: Conductance
+
+
+@dataclass(frozen=True, eq=False)
+class CoupledSolution:
+    """What satisfies contact and heat together; NaN if no solution is found."""
+
+    forces: np.ndarray  #: (m,)
+    slack: np.ndarray  #: (m,)
+    heat: np.ndarray  #: heat flow from the first to the second surface, (m,)
+    levels: np.ndarray  #: temperatures of bodies that contact alone feeds, (b,)
+    steps: int
+    converged: bool
+
+
+class _Scales(NamedTuple):
+    """Sizes of slack, forces, heat flows and temperatures, so that a matrix has entries of one
+    size.
+    """
+
+    slack: float
+    force: float
+    heat: float
+    level: float
+
+
+def solved(contact: CoupledContact, forces: np.ndarray, flows: np.ndarray) -> CoupledSolution:
+    """Solve for forces, heat flows and temperatures of bodies together.
+
+    The conditions are λ >= 0, s >= 0, λ s = 0 with s = slack + S λ + D q, and q = a h(λ / a, s) j
+    with j = jump - C q; a body that contact alone feeds passes on what it is supplied with.
+
+    Args:
+        contact: the problem.
+        forces: forces to start from, (m,).
+        flows: heat flows and temperatures of bodies to start from, (m + b,).
+    """
+    m = forces.size
+    scales = _scales(contact)
+    unknown = np.concatenate(
+        [forces / scales.force, flows[:m] / scales.heat, flows[m:] / scales.level]
+    )
+    steps = 0
+    size = np.inf
+    with np.errstate(all="ignore"):
+        residual, jacobian, active = _linearised(contact, scales, unknown)
+        while steps < STEPS:
+            steps += 1
+            if not np.isfinite(residual).all() or not np.isfinite(jacobian).all():
+                break
+            try:
+                step = np.linalg.solve(jacobian, -residual)
+            except np.linalg.LinAlgError:
+                break
+            before = active
+            unknown, residual, jacobian, active = _moved(contact, scales, unknown, step, residual)
+            size = np.abs(step).max() / max(np.abs(unknown).max(), 1e-300)
+            if size <= SETTLED and np.array_equal(before, active):
+                break
+    converged = bool(size <= SETTLED) and bool(np.isfinite(unknown).all())
+    if not converged:
+        unknown = np.full(unknown.size, np.nan)
+    forces = np.where(active, unknown[:m] * scales.force, 0.0)
+    flows = np.concatenate([unknown[m : 2 * m] * scales.heat, unknown[2 * m :] * scales.level])
+    slack = contact.slack + contact.schur @ forces + contact.per_heat @ flows
+    slack = np.where(active, 0.0, slack)
+    return CoupledSolution(forces, slack, flows[:m], flows[m:], steps, converged)
+
+
+def _scales(contact: CoupledContact) -> _Scales:
+    slack = max(float(np.abs(contact.slack).max(initial=0.0)), 1e-300)
+    force = slack / max(float(np.diag(contact.schur).mean()), 1e-300)
+    pressed = force / contact.areas
+    flows = contact.areas * contact.conductance(pressed, np.zeros(pressed.size))[0]
+    conducted = max(float(np.nan_to_num(flows, posinf=0.0).max(initial=0.0)), 1e-300)
+    supplied = float(np.abs(contact.supplied).max(initial=0.0))
+    level = max(float(np.abs(contact.jump).max(initial=0.0)), supplied / conducted, 1e-300)
+    return _Scales(slack, force, max(conducted * level, supplied, 1e-300), level)
+
+
+def _moved(
+    contact: CoupledContact,
+    scales: _Scales,
+    unknown: np.ndarray,
+    step: np.ndarray,
+    residual: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The unknown after a step, or the first part of it whose residual is finite and not far above
+    that before; with its residual, derivatives and closed contacts.
+    """
+    bound = 10 * np.abs(residual).max()
+    for k in range(HALVINGS + 1):
+        there = unknown + step / 2**k
+        found = _linearised(contact, scales, there)
+        if np.isfinite(found[0]).all() and np.abs(found[0]).max() <= bound:
+            break
+    return there, *found
+
+
+def _linearised(
+    contact: CoupledContact, scales: _Scales, unknown: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Residual, (2 m + b,), its derivatives, and closed contacts, (m,) bool."""
+    m = contact.slack.size
+    b = contact.supplied.size
+    forces = unknown[:m] * scales.force
+    flows = np.concatenate([unknown[m : 2 * m] * scales.heat, unknown[2 * m :] * scales.level])
+    slack = contact.slack + contact.schur @ forces + contact.per_heat @ flows
+    compliance = np.diag(contact.schur)
+    active = forces * compliance > slack
+    pressed = np.where(active, np.maximum(forces, 0.0), 0.0) / contact.areas
+    opened = np.where(active, 0.0, np.maximum(slack, 0.0))
+    conducted, of_pressure, of_gap = contact.conductance(pressed, opened)
+    jump = contact.jump - contact.compliance @ flows[:m] + contact.levels @ flows[m:]
+    residual = np.concatenate(
+        [
+            np.where(active, slack / scales.slack, unknown[:m]),
+            (flows[:m] - contact.areas * conducted * jump) / scales.heat,
+            (contact.levels.T @ flows[:m] - contact.supplied) / scales.heat,
+        ]
+    )
+    jacobian = np.zeros((2 * m + b, 2 * m + b))
+    widths = np.concatenate([np.full(m, scales.heat), np.full(b, scales.level)])
+    jacobian[:m, :m] = np.where(
+        active[:, None], contact.schur * (scales.force / scales.slack), np.eye(m)
+    )
+    jacobian[:m, m:] = np.where(active[:, None], contact.per_heat * widths / scales.slack, 0.0)
+    by_pressure = np.where(active & (forces > 0), of_pressure * jump, 0.0)
+    by_gap = np.where(~active & (slack > 0), contact.areas * of_gap * jump, 0.0)
+    of_forces = np.diag(by_pressure) + by_gap[:, None] * contact.schur
+    jacobian[m : 2 * m, :m] = -of_forces * (scales.force / scales.heat)
+    of_flows = contact.areas[:, None] * conducted[:, None] * contact.compliance + np.eye(m)
+    of_flows -= by_gap[:, None] * contact.per_heat[:, :m]
+    jacobian[m : 2 * m, m : 2 * m] = of_flows
+    of_levels = -contact.areas[:, None] * conducted[:, None] * contact.levels
+    of_levels -= by_gap[:, None] * contact.per_heat[:, m:]
+    jacobian[m : 2 * m, 2 * m :] = of_levels * (scales.level / scales.heat)
+    jacobian[2 * m :, m : 2 * m] = contact.levels.T
+    return residual, jacobian, active
