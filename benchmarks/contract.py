@@ -264,8 +264,8 @@ OF_PLUGINS = {
     "sliding past the mesh": ("sliding", "friction"),
     "naive": ("baselines",),
     "local models": ("local_models",),
-    "fallback": ("fallback",),
-    "in a fallback": ("fallback",),
+    "fallback": ("fallback", "exact_errors"),
+    "in a fallback": ("fallback", "exact_errors"),
     "in a table": ("tables",),
     "by hhr answer": ("tables",),
 }

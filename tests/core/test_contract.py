@@ -110,7 +110,7 @@ def test_a_problem_that_cannot_be_made_is_no_answer(kind, error, monkeypatch):
         assert str(error) in table.status[0] and np.isnan(table.forces).all()
 
 
-@needs("fallback")
+@needs("fallback", "exact_errors")
 @pytest.mark.parametrize("where", [("solve", "solve_many"), ("estimate", "estimates")])
 def test_a_model_that_fails_is_no_reason_to_have_no_answer(where, monkeypatch):
     reduced = contract.training("constant").build(contract.AS_IT_IS)

@@ -152,7 +152,7 @@ def test_estimates_of_parts_are_put_in_order():
     )
 
 
-@needs("local_models")
+@needs("local_models", "exact_errors")
 def test_local_models_measure_by_the_same_sizes(pellet, reduced):
     """Each is trained on a part, and the largest forces of all parts count."""
     local, points = (
@@ -191,7 +191,7 @@ def test_a_point_without_contact_is_not_infinitely_wrong():
         assert not any(item.fell_back(item.solve(push)) for item in safe)
 
 
-@needs("fallback")
+@needs("fallback", "exact_errors")
 def test_safe_models_keep_the_error_that_is_asked_for(pellet):
     """Of sixteen snapshots, with 0.05 allowed.
 

@@ -315,7 +315,7 @@ def test_a_flipped_bit_in_the_description_of_an_array_is_damage(store, tmp_path)
 TABLE = "\ufeffh1,P1\n3.2,170\n\n3.2,nan\nnine,100\n3.2,500\n,100\n\n5.25,30\n3,2,170\n"
 
 
-@needs("tables")
+@needs("tables", "exact_errors")
 def test_every_answer_has_all_columns_and_a_bad_one_names_its_column(small_reduction, tmp_path):
     (tmp_path / "points.csv").write_text(TABLE, encoding="utf-8")
     given = hhr.read_points(tmp_path / "points.csv", small_reduction.parameters)
@@ -445,7 +445,7 @@ def test_many_points_as_arrays(small_reduction):
         hhr.answer_points(small_reduction, points[:, :1])
 
 
-@needs("tables")
+@needs("tables", "exact_errors")
 def test_answers_without_a_table_are_written_as_numbers(small_reduction, tmp_path):
     space = small_reduction.parameters
     answers = hhr.answer_points(small_reduction, np.array([[170.0, 3.2], [np.nan, 3.2]]))

@@ -333,7 +333,7 @@ def test_zeros_are_not_stored_and_keep_their_sign(models, kept, tmp_path):
     assert size <= 16 * len(models("pellet").fields.gaps)
 
 
-@needs("local_models")
+@needs("local_models", "exact_errors")
 def test_what_models_share_is_kept_once(models, kept, tmp_path):
     """S, the free slack, the modes of a basis that all have."""
     stored = hhr.load_model(kept("local pellet"))

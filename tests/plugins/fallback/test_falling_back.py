@@ -20,6 +20,7 @@ def pellet():
     return pellet_training((3, 3), OUTPUTS)
 
 
+@needs("exact_errors")
 def test_no_answer_is_off_by_more_than_allowed(pellet):
     """In energy and in the S norm; from nine snapshots of the pellet, 50 random points, of which 60
     % fall back.
@@ -48,7 +49,7 @@ def test_a_safe_model_of_a_constant_stiffness_is_the_condensed_one(pellet):
         pellet.safe_model(0.0)
 
 
-@needs("tables")
+@needs("tables", "exact_errors")
 def test_batches_report_how_many_fell_back(pellet, tmp_path, capsys):
     model = hhr.FallbackModel(pellet.build(POOR, checked=False), pellet.full_order, 0.05)
     points = pellet.full_order.parameters.random(8, 3)

@@ -86,6 +86,7 @@ def test_condensed_files_and_gradients(plate, tmp_path):
     assert found.gradient["force"][0] == pytest.approx(slope, rel=1e-8)
 
 
+@needs("exact_errors")
 def test_hyper_reduction_has_a_bound(own):
     training = hhr.train(foreign_scene(own), [4, 3])
     model = training.build()

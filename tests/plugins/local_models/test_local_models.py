@@ -217,6 +217,7 @@ def test_by_a_border_the_smaller_estimate_decides(local, models):
     assert any(won) and not all(won)
 
 
+@needs("exact_errors")
 def test_the_answer_does_not_jump_at_a_border(local):
     for load in (20.0, 90.0, 180.0):
         one, two = local.solve((load, CUT)), local.solve((load, CUT + 1e-9))
@@ -299,6 +300,7 @@ def test_what_a_search_starts_from(local, models):
                 local.solve(point, start=start)
 
 
+@needs("exact_errors")
 def test_where_there_is_no_answer(broken, local):
     with pytest.raises(NotSolvableError, match="no solution at"):
         broken.solve(HIGH)
@@ -365,6 +367,7 @@ def test_stiffness_that_varies():
 # ---------------------------------------------------------------- what is no set
 
 
+@needs("exact_errors")
 def test_models_that_do_not_go_together(models, training):
     halves = one_cut(1, CUT, REACH)
     other = hhr.train(pressed_block("plane_strain"), (4,), held_out=0).build(checked=False)
@@ -407,7 +410,7 @@ def test_models_that_do_not_go_together(models, training):
             hhr.LocalModels(wrong, tree)
 
 
-@needs("fallback")
+@needs("fallback", "exact_errors")
 def test_a_fallback_on_a_local_set_marches_past_answers_of_the_full_model(training, local):
     """Statuses of the full model are too many for any of the set; searches begin anew."""
     safe = hhr.FallbackModel(local, training.full_order, 1e-12)
@@ -446,7 +449,7 @@ def points_of(model, count=40):
     return points
 
 
-@needs("tables")
+@needs("tables", "exact_errors")
 def test_tables_say_which_model_answered(three, tmp_path):
     points = np.vstack([points_of(three, 10), [[1e9, 1.0]]])
     answers = hhr.answer_points(three, points)

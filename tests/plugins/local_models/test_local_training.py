@@ -127,6 +127,7 @@ def test_a_cut_keeps_clusters_apart():
     assert separating_cut(unit, np.zeros(100, dtype=int), 0.25) is None
 
 
+@needs("exact_errors")
 def test_a_split_box_has_small_models_that_are_right(training, split):
     """Sizes below what was wished; estimates too, and so are true errors, in the S norm."""
     assert len(split) > 1
@@ -201,6 +202,7 @@ def test_solutions_that_do_not_move():
     assert len(still.local(hhr.Clusters(2), recipe=AS_IT_IS)) == 2
 
 
+@needs("exact_errors")
 def test_wishes_that_do_not_hold_are_told(training):
     with pytest.warns(LocalModelWarning, match="modes instead of 6"):
         small = training.local(hhr.Splitting(modes=6, most=1, checks=20), recipe=FINE)

@@ -511,7 +511,7 @@ def test_wrong_trainings(points, pattern):
         hhr.train(your_scene.scene(), points)
 
 
-@needs("fallback")
+@needs("fallback", "exact_errors")
 def test_a_model_of_another_scene(trained, tmp_path):
     path = tmp_path / "model.npz"
     hhr.save_model(path, trained)

@@ -114,7 +114,7 @@ def test_the_answer_is_that_of_a_mesh_of_this_shape(name):
         )
 
 
-@needs("constraints", "nonmatching", "obstacles", "nodal_loads")
+@needs("constraints", "nonmatching", "obstacles", "nodal_loads", "friction")
 @pytest.mark.filterwarnings("ignore:4 of 10 nodes of slave surface")
 def test_what_changes_with_a_shape_is_refused_by_name():
     rigid = hhr.RigidMotion(
