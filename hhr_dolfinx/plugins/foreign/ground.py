@@ -93,6 +93,7 @@ class NodesToGround(KnownArguments):
         columns = (dim * at.col[:, None] + np.arange(dim)).ravel()
         values = (at.data[:, None] * units[at.row]).ravel()
         matrix = csr_matrix((values, (np.repeat(at.row, dim), columns)), shape=(count, dofs))
+        matrix.eliminate_zeros()  # a dof across the normal is no dof of contact
         return ContactRows(matrix, gaps, nodes, points, areas.copy())
 
 
