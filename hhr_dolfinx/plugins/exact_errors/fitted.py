@@ -15,11 +15,11 @@ import numpy as np
 from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.memory import Memory
-from hhr_dolfinx.plugins.contact_laws.interface import Range, ranged
 from hhr_dolfinx.reduction.modes import pod
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
+    from hhr_dolfinx.plugins.contact_laws.interface import Interface, Range
 
 FORCES_LEFT_OUT = 1e-6
 """Part of the squared training forces that their modes leave out."""
@@ -40,6 +40,13 @@ OPEN_OUTSIDE = 1e-3
 """Part of the largest force of a law in the RID below which a contact outside counts as open: it is
 fitted.
 """
+
+
+def _ranged(law: ContactLaw, count: int) -> Interface:
+    """The law on ranges of conditions, by the plug-in that every law of contacts needs."""
+    from hhr_dolfinx.plugins.contact_laws.interface import ranged
+
+    return ranged(law, count)
 
 
 def mark_of(problem: ContactProblem) -> np.ndarray:
@@ -119,8 +126,8 @@ class FittedForces:
 
         Empty if there is none.
         """
-        trained = [*ranged(self.whole, len(self.modes)).parts(), *self.mark]
-        compared = [*ranged(problem.law, len(self.modes)).parts(), *mark_of(problem)]
+        trained = [*_ranged(self.whole, len(self.modes)).parts(), *self.mark]
+        compared = [*_ranged(problem.law, len(self.modes)).parts(), *mark_of(problem)]
         same = len(trained) == len(compared) and all(map(_alike, trained, compared))
         return "" if same else "its stiffness, its loads, its gaps or the laws of its contacts"
 
@@ -131,7 +138,7 @@ class FittedForces:
 
     @cached_property
     def _ranges(self) -> tuple[Range, ...]:
-        return ranged(self.whole, len(self.modes)).ranges
+        return _ranged(self.whole, len(self.modes)).ranges
 
     @cached_property
     def _elsewhere(self) -> tuple[np.ndarray, np.ndarray]:

@@ -29,7 +29,6 @@ from hhr_dolfinx.errors import (
     rounded,
 )
 from hhr_dolfinx.full_order.free_bodies import ALMOST_NONE, FreeBody
-from hhr_dolfinx.plugins.contact_laws.interface import Interface, Range
 from hhr_dolfinx.plugins.floating.elimination import (
     Floating,
     FloatingElimination,
@@ -195,6 +194,8 @@ class RigidKernel:
                     f"{law.name}, does not solve for their motions, nor does its plug-in have the "
                     "facet 'range', by which others do: hold them by a displacement"
                 )
+            from hhr_dolfinx.plugins.contact_laws.interface import Interface, Range
+
             law = Interface((Range(law, np.arange(len(problem.gaps))),))
         on_rows = problem.contact @ rigid, (problem.loads.T @ rigid).T
         return cls(rigid, idle, np.sort(pins), loose, law, *on_rows)

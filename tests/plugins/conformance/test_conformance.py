@@ -602,7 +602,12 @@ def test_a_reductor_that_promises_less_passes():
 
 
 TEMPLATES = Path(__file__).parents[3] / "extension_templates"
-NEEDED = {"law": ["inelastic"], "system": ["systems"]}
+NEEDED = {
+    "law": ["inelastic"],
+    "system": ["systems"],
+    "contact_law": ["contact_laws"],
+    "gasket": ["contact_laws"],
+}
 FOLDERS = sorted(path.parent.name for path in TEMPLATES.glob("*/pyproject.toml"))
 
 

@@ -63,6 +63,7 @@ def lone(contacts, loads, names, **changes):
     return block_scene("lone", dict.fromkeys(names, (0.0, 1.0)), **given | changes)
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
 @pytest.mark.parametrize("stiffer", [1e-6, 1.0, 1e6])
 def test_a_light_body_on_a_heavy_one_is_balanced_too(size, stiffer):
@@ -96,6 +97,7 @@ def test_a_motion_that_only_round_off_drives_is_the_least():
             assert np.abs(model.solve(0.5).displacement()).max() < 2e-3
 
 
+@needs("nonmatching")
 def test_what_pulls_apart_is_adrift_and_named():
     full = hhr.FullOrderModel(stack(lowest=-1.0), MPI.COMM_SELF)
     kkt(full, (1.0, -0.4))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from foreign_formats import condensed, foreign_scene, own_block, write_sti, write_superelement
 from foreign_lies import BY_CASE, LIES, matrix_of, retained
+from needs import needs
 from scipy.sparse import triu
 
 import hhr_dolfinx as hhr
@@ -169,6 +170,7 @@ def test_a_superelement_that_was_cut_is_refused(own, tmp_path):
         hhr.read_stiffness(path)
 
 
+@needs("nonmatching")
 def test_a_block_without_a_case_must_say_so(own):
     with pytest.raises(SceneError, match="has no solved case"):
         replace(own, case=None)

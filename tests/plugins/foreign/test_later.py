@@ -12,6 +12,8 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.plugins.foreign import case
 
+pytestmark = needs("nonmatching")
+
 DIFFERS = r"differ from those by its K by .* most at node \d+ in direction [123]"
 
 

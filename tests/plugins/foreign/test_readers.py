@@ -13,12 +13,15 @@ from foreign_formats import (
     own_scene,
     write_superelement,
 )
+from needs import needs
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError, FileError
 from hhr_dolfinx.plugins.foreign.dof_table import read_dofs
 from hhr_dolfinx.plugins.foreign.nastran import read_dmig
 from hhr_dolfinx.plugins.foreign.op4 import read_matrices
+
+pytestmark = needs("nonmatching")
 
 DATA = Path(__file__).parent / "data"
 POINT = (10.0, 0.2)

@@ -14,6 +14,8 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND
 
+pytestmark = needs("nonmatching")
+
 POINT = (10.0, 0.2)
 
 

@@ -267,7 +267,7 @@ def test_another_process_has_them_without_dolfinx(kept, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"answer.png", "answer.vtu"}
 
 
-@needs("plots")
+@needs("plots", "nonmatching")
 def test_the_command_writes_fields_of_a_model_in_a_file(tmp_path):
     pyvista = pytest.importorskip("pyvista")
     full = hhr.FullOrderModel(your_scene.scene(), MPI.COMM_SELF)

@@ -146,7 +146,7 @@ def test_data_of_pyvista(simplices):
         assert body["stress_kelvin"].shape == (body.n_points, 6) and body["von_mises"].min() > 0
 
 
-@needs("second_order")
+@needs("second_order", "floating")
 def test_facets_of_second_order_are_split():
     """Their parts have the area of the surface, and use all nodes that carry conditions."""
     from hhr_dolfinx.plugins.plots.facets import contact_facets, outer_facets

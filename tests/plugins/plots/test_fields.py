@@ -22,6 +22,7 @@ def spring():
     return full, full.solve((0.9, 0.1))
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("ending", [".vtkhdf", ".vtu"])
 def test_an_answer_is_what_is_in_the_file(ending, spring, tmp_path):
     full, answer = spring
@@ -46,6 +47,7 @@ def test_an_answer_is_what_is_in_the_file(ending, spring, tmp_path):
     assert set(np.unique(grid["body"])) == {0, 1, 2} and grid["von_mises"].max() > 100
 
 
+@needs("nonmatching")
 def test_a_model_from_a_file_has_no_mesh_but_its_answers_have(spring, tmp_path):
     full, _ = spring
     model = hhr.train(full.scene, hhr.Sobol(16), held_out=0, comm=MPI.COMM_SELF).build(
@@ -65,7 +67,7 @@ def test_a_model_from_a_file_has_no_mesh_but_its_answers_have(spring, tmp_path):
     )
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 def test_steps_of_a_history_stand_with_their_times(tmp_path):
     from flowing import STEPS, demo, flowing_full
 
@@ -86,6 +88,7 @@ def test_steps_of_a_history_stand_with_their_times(tmp_path):
     assert len(last["stress_kelvin"]) == len(full.problem.cell_nodes)
 
 
+@needs("nonmatching")
 def test_other_endings_are_refused(spring, tmp_path):
     with pytest.raises(FileError, match=r"fields.xyz: fields are written as .vtkhdf or .vtu"):
         hhr.write_fields(tmp_path / "fields.xyz", *spring)

@@ -117,7 +117,7 @@ def test_springs_in_a_reduced_model_and_its_file(tmp_path):
         assert kept.outputs(point)["energy"] == model.outputs(point)["energy"]
 
 
-@needs("friction")
+@needs("friction", "floating")
 def test_a_block_that_slips_all_over():
     """σ = -p, τ = μ p under a lid that is moved aside: p² / 2E + τ² / 2G, G = E / 2, at each step
     of the slip.
