@@ -3,7 +3,7 @@
 import dataclasses
 import math
 
-import contact_heat
+import heat_through_contacts as benchmark
 import pytest
 
 import hhr_dolfinx as hhr
@@ -16,7 +16,7 @@ def test_the_middle_of_a_rod_is_as_hot_as_its_resistances_make_it():
     """Of a parabola, a gap of constant conductance, a tube and convection; a cell of a 24th of the
     radius leaves a thousandth of the parabola.
     """
-    scene, heat = contact_heat.fuel_rod(**MESH)
+    scene, heat = benchmark.fuel_rod(**MESH)
     model = hhr.condense_heat(scene, dataclasses.replace(heat, conductance={0: 0.5}))
     answer = model.solve({"q": 20.0, "P": 10.0, "gap": 0.05})
     power = 20e3 / (2 * math.pi)  # mW / mm, over a full turn of one radian
@@ -35,9 +35,9 @@ def test_the_middle_of_a_rod_is_as_hot_as_its_resistances_make_it():
 @pytest.mark.parametrize("name", ["plane", "rod", "space"])
 def test_it_is_the_coupled_full_order(name):
     scene, heat = {
-        "plane": lambda: contact_heat.blocks(2, 16),
-        "rod": lambda: contact_heat.fuel_rod(radial_cells=12, axial_cells=20),
-        "space": lambda: contact_heat.blocks(3, 5),
+        "plane": lambda: benchmark.blocks(2, 16),
+        "rod": lambda: benchmark.fuel_rod(radial_cells=12, axial_cells=20),
+        "space": lambda: benchmark.blocks(3, 5),
     }[name]()
-    row = contact_heat.compared(name, scene, heat, points=5, seed=2)
-    assert max(row["off"].values()) <= contact_heat.ALIKE
+    row = benchmark.compared(name, scene, heat, points=5, seed=2)
+    assert max(row["off"].values()) <= benchmark.ALIKE

@@ -5,7 +5,7 @@ full order solves heat with a new factor of its conductivity and the conductance
 with the factor of K that it keeps, one after the other until neither changes. Both answer the same
 points in turns. A thousand histories of forty steps of the rod are then marched through.
 
-    python benchmarks/contact_heat.py [--out DIR] [--quick] [--seed N]
+    python benchmarks/heat_through_contacts.py [--out DIR] [--quick] [--seed N]
 """
 
 from __future__ import annotations
@@ -224,7 +224,7 @@ def marched(model: hhr.HeatModel, histories: int, seed: int) -> dict[str, Any]:
 
 def main() -> None:
     """Compare, march, write and print."""
-    options = cli.parse(cli.demo_parser("contact_heat", __doc__))
+    options = cli.parse(cli.demo_parser("heat_through_contacts", __doc__))
     quick = options.quick
     mesh = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 2} if quick else {}
     scenes = {
@@ -251,7 +251,12 @@ def main() -> None:
         f"{told['histories']} histories of {STEPS} steps of the rod: {told['seconds']:.1f} s, "
         f"hottest {told['hottest']:.0f} K"
     )
-    told_of = {"scene": "contact_heat", "heat": rows, "histories": told, **report.environment()}
+    told_of = {
+        "scene": "heat_through_contacts",
+        "heat": rows,
+        "histories": told,
+        **report.environment(),
+    }
     report.write_report(told_of, options.out)
 
 
