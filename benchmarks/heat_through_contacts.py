@@ -251,13 +251,8 @@ def main() -> None:
         f"{told['histories']} histories of {STEPS} steps of the rod: {told['seconds']:.1f} s, "
         f"hottest {told['hottest']:.0f} K"
     )
-    told_of = {
-        "scene": "heat_through_contacts",
-        "heat": rows,
-        "histories": told,
-        **report.environment(),
-    }
-    report.write_report(told_of, options.out)
+    known = {"scene": "heat_through_contacts", **report.environment()}
+    report.write_report({**known, "heat": rows, "histories": told}, options.out)
 
 
 if __name__ == "__main__":
