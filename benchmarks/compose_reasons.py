@@ -20,7 +20,7 @@ REFUSED = {
     "plugins/shapes/reshaped.py:_check_constraints": "mean_motion+shape rigid_motion+shape",
     "plugins/shapes/reshaped.py:check_still": "moving_circle+shape",
     "plugins/sliding/slide.py:_check": (
-        "double_pass+sliding own_contact_law+sliding sliding+soft_contact"
+        "double_pass+sliding own_contact_law+sliding sliding+soft_contact sliding+wear"
     ),
     "plugins/sliding/slide.py:_check_bodies": (
         "external_law+sliding norton+sliding own_body_law+sliding shape+sliding sliding+voce"

@@ -121,7 +121,7 @@ class CoupledFull:
             warnings.simplefilter("ignore")
             self.full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
         self.problem = self.full.problem
-        self.system = heat_system(self.full, heat)
+        self.system = heat_system(self.full, heat, list(heat.conductance))
         self.model = model
         self.areas = self.problem.contact_areas
         free = self.problem.free

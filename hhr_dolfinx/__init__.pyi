@@ -150,6 +150,9 @@ from .plugins.volume_loads.loads import BodyForce as BodyForce
 from .plugins.volume_loads.loads import Centrifugal as Centrifugal
 from .plugins.volume_loads.loads import Eigenstrain as Eigenstrain
 from .plugins.volume_loads.loads import ThermalExpansion as ThermalExpansion
+from .plugins.wear.outputs import WornDepth as WornDepth
+from .plugins.wear.outputs import WornVolume as WornVolume
+from .plugins.wear.pair_laws import ArchardWear as ArchardWear
 from .plugins.worst_case.check import check_certificate as check_certificate
 from .plugins.worst_case.search import WorstCase as WorstCase
 from .plugins.worst_case.search import worst as worst

@@ -188,7 +188,7 @@ def test_twin_conditions_are_both_held_and_clamps_stay(pair_and_stop):
         )
 
 
-@needs("exact_errors")
+@needs("exact_errors", "shared_nodes")
 def test_estimates_are_right_where_conditions_are_twins(pair_and_stop):
     """5 of these 200 points were beyond their bound."""
     full, model = pair_and_stop

@@ -18,6 +18,7 @@ ROOT = Path(__file__).parents[2]
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 NAMES = {
     "Amplitude": (),
+    "ArchardWear": ("wear",),
     "Body": (),
     "CentreOfPressure": ("resultants",),
     "ContactArea": ("resultants",),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
@@ -15,12 +15,14 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from hhr_dolfinx import compat
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.forms.elasticity import volume_weight
 from hhr_dolfinx.formulas import Formula, Scalar, formula_of
 from hhr_dolfinx.plugins.contact_heat.heat import Convection, Heat, HeatFlux, HeatSource
 
 if TYPE_CHECKING:
+    from ufl.core.expr import Expr
+
     from hhr_dolfinx.full_order.discretisation import Discretisation
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.loads import Load
@@ -42,6 +44,25 @@ class Conduction:
     expansion: csr_matrix  #: C, nodal forces per temperature, (N, n)
     at_rest: np.ndarray  #: nodal forces of the reference temperatures, (N,)
 
+    def supplies(self, point: np.ndarray) -> np.ndarray:
+        """Amplitudes of supplies and fixed temperatures, (t,).
+
+        Args:
+            point: parameter of the user, (P,).
+        """
+        return np.array([scalar.value(point) for scalar in self.amplitudes])
+
+    def temperature(self, point: np.ndarray, count: int) -> np.ndarray:
+        """Temperature at the nodes, (n,).
+
+        Args:
+            point: parameter of the user, followed by heat flows and levels, (P + m + b,).
+            count: number of the parameters of the user.
+        """
+        flows, levels = np.split(point[count:], [self.per_heat.shape[1]])
+        still = self.temperatures @ self.supplies(point[:count])
+        return still - self.per_heat @ flows + self.levels @ levels
+
 
 @dataclass(frozen=True, eq=False)
 class HeatSystem:
@@ -59,21 +80,23 @@ class HeatSystem:
     at_rest: np.ndarray  #: see :class:`Conduction`
 
 
-def heat_system(full: FullOrderModel, heat: Heat) -> HeatSystem:
+def heat_system(full: FullOrderModel, heat: Heat, conducts: Sequence[int]) -> HeatSystem:
     """Assemble the heat of a scene.
 
     Args:
         full: the full model of the scene, on one rank.
         heat: its heat.
+        conducts: numbers of the contacts that conduct anywhere.
 
     Raises:
         SceneError: for unknown tags, or a body to which no temperature is given.
     """
-    assembly = _Assembly(full.discretisation, heat)
+    assembly = _Assembly(full, heat)
     stiffness, loads, amplitudes = assembly.heat()
     fixed, values, of_fixed = _fixed(full.discretisation, heat)
-    jumps = jumps_of(full.problem)
-    levels, pins = _levels(stiffness, fixed, assembly.cooled, jumps)
+    jumps = jumps_of(full)
+    conducting = jumps[np.isin(full.problem.contact_pairs, list(conducts))]
+    levels, pins = _levels(stiffness, fixed, assembly.cooled, conducting)
     expansion, at_rest = assembly.expansion()
     names = full.parameters.names
     return HeatSystem(
@@ -115,27 +138,42 @@ def eliminated(system: HeatSystem) -> Conduction:
     )
 
 
-def jumps_of(problem: Any) -> csr_matrix:
-    """B_T of a contact problem, (m, n): weights of nodes as in B, without the normal.
-
-    A condition sums the normal displacement of nodes by weights; the temperature by the same.
+def jumps_of(full: FullOrderModel) -> csr_matrix:
+    """B_T, (m, n): weights of nodes as in B, without the normal, that sum up to 1 on the first
+    surface of a contact.
 
     Args:
-        problem: the contact problem.
+        full: the full model of the scene.
+
+    Raises:
+        NotOfferedError: for a pairing both ways, whose conditions have slaves on both surfaces.
     """
+    problem = full.problem
+    assert problem.whole_contact is not None
     whole = csr_matrix(problem.whole_contact)
     dim = problem.points.shape[1]
-    rows, weights, columns = [], [], []
-    for row, slave in enumerate(problem.contact_slaves):
+    firsts = [
+        np.isin(np.arange(len(problem.points)), full.discretisation.surface(contact.tags[0]).nodes)
+        for contact in full.scene.contacts
+    ]
+    rows: list[int] = []
+    weights: list[float] = []
+    columns: list[int] = []
+    for row, (slave, pair) in enumerate(
+        zip(problem.contact_slaves, problem.contact_pairs, strict=True)
+    ):
+        if not firsts[pair][slave]:
+            raise NotOfferedError(
+                f"contact {pair} of scene '{full.scene.name}' goes both ways, and heat through it "
+                "would count twice: take hhr.Mortar or hhr.NodeToSurface"
+            )
         entries = slice(whole.indptr[row], whole.indptr[row + 1])
         nodes, places = np.unique(whole.indices[entries] // dim, return_inverse=True)
         blocks = np.zeros((nodes.size, dim))
         np.add.at(blocks, (places, whole.indices[entries] % dim), whole.data[entries])
-        normal = blocks[nodes == slave].sum(axis=0)
-        along = blocks @ (normal / np.linalg.norm(normal))
-        along /= along[along > 0].sum()
+        total = blocks[firsts[pair][nodes]].sum(axis=0)
         rows += [row] * nodes.size
-        weights += along.tolist()
+        weights += (blocks @ total / (total @ total)).tolist()
         columns += nodes.tolist()
     shape = (len(problem.contact_slaves), len(problem.points))
     return csr_matrix((weights, (rows, columns)), shape=shape)
@@ -159,33 +197,50 @@ def _fixed(
 
 
 def _levels(
-    stiffness: csr_matrix, fixed: np.ndarray, cooled: np.ndarray, jumps: csr_matrix
+    stiffness: csr_matrix, fixed: np.ndarray, cooled: np.ndarray, conducting: csr_matrix
 ) -> tuple[np.ndarray, np.ndarray]:
     """1 in each part of the mesh without fixed temperature and convection, (n, b), and one node of
     each, which is held instead of the level.
 
+    Args:
+        stiffness: K_T, (n, n).
+        fixed: nodes of fixed temperatures.
+        cooled: nodes with convection.
+        conducting: rows of contacts that conduct, (k, n).
+
     Raises:
-        SceneError: if no contact feeds such a part.
+        SceneError: if no contact joins such a part to one whose temperature is determined.
     """
-    _, owner = connected_components(stiffness, directed=False)
-    fed = set(owner[np.concatenate([fixed, cooled])])
-    free = [number for number in np.unique(owner) if number not in fed]
-    levels = np.column_stack([np.zeros((len(owner), 0)), *(owner == number for number in free)])
-    reached = np.abs(jumps).T @ np.ones(jumps.shape[0]) > 0
-    for column in levels.T:
-        if not reached[column > 0].any():
-            raise SceneError(
-                "a body has neither a fixed temperature nor convection nor a contact: its "
-                "temperature is not determined, give it one"
-            )
+    count, owner = connected_components(stiffness, directed=False)
+    held = np.unique(owner[np.concatenate([fixed, cooled]).astype(int)])
+    joined = np.zeros((count, count))
+    for row in conducting:
+        parts = np.unique(owner[row.indices[np.abs(row.data) > 0]])
+        joined[np.ix_(parts, parts)] = 1.0
+    _, group = connected_components(joined, directed=False)
+    lost = [part for part in range(count) if group[part] not in group[held]]
+    if lost:
+        raise SceneError(
+            f"the temperature of {len(lost)} of {count} bodies is not determined: they have "
+            "neither a fixed temperature nor convection, and no contact that conducts joins them "
+            "to a body that has. Name one, or give their contact a conductance"
+        )
+    levels = np.column_stack(
+        [
+            np.zeros((len(owner), 0)),
+            *(owner == part for part in range(count) if part not in held),
+        ]
+    )
     return levels, np.array([np.flatnonzero(column)[0] for column in levels.T], dtype=int)
 
 
 class _Assembly:
     """Forms of heat on the mesh of a scene, in the order of its nodes."""
 
-    def __init__(self, discretisation: Discretisation, heat: Heat):
+    def __init__(self, full: FullOrderModel, heat: Heat):
+        discretisation = full.discretisation
         self._discretisation = discretisation
+        self._cells = full.problem.cell_nodes
         self._heat = heat
         mesh = discretisation.mesh
         self._space, parents = discretisation.space.sub(0).collapse()
@@ -237,10 +292,17 @@ class _Assembly:
             along = ufl.derivative(form, field, ufl.TrialFunction(self._space))
             return self._matrix(along, discretisation.size)[:, np.argsort(self._node)]
 
+        bodies = [body.tag for body in discretisation.scene.bodies]
+        averaged = dict(zip(bodies, discretisation.mean_dilatation, strict=True))
         for tag, value in self._heat.expansion.items():
             self._check(tag)
             strain = self._constant(value) * field * unit
-            parts = discretisation.elasticity.eigenstress(discretisation, tag, strain, derivative)
+            if averaged[tag]:  # the means of cells are numbers, which have no derivative
+                parts = self._by_colours(tag, field, strain)
+            else:
+                parts = discretisation.elasticity.eigenstress(
+                    discretisation, tag, strain, derivative
+                )
             for modulus, matrix in parts:
                 if modulus.variables:
                     raise SceneError(
@@ -251,6 +313,46 @@ class _Assembly:
                 total = total + scaled
                 at_rest -= self._heat.reference_of(tag) * np.asarray(scaled.sum(axis=1)).ravel()
         return total, at_rest
+
+    def _by_colours(
+        self, tag: Any, field: fem.Function, strain: Expr
+    ) -> list[tuple[Formula, csr_matrix]]:
+        """Nodal forces per temperature of a body, by temperatures of nodes so far apart that no
+        node has two of them next to it.
+        """
+        discretisation = self._discretisation
+        n = len(self._node)
+        dim = discretisation.mesh.geometry.dim
+        cells = self._cells
+        touching = csr_matrix(
+            (
+                np.ones(cells.size),
+                (np.repeat(np.arange(len(cells)), cells.shape[1]), cells.ravel()),
+            ),
+            shape=(len(cells), n),
+        )
+        beside = csr_matrix(touching.T @ touching)
+        place = np.argsort(self._node)  # dof of each node
+        total: list[tuple[Formula, csr_matrix]] = []
+        for nodes in _colours(csr_matrix(beside @ beside)):
+            field.x.array[:] = 0.0
+            field.x.array[place[nodes]] = 1.0
+            owner = np.full(n, -1)
+            chosen = beside[:, nodes].tocoo()
+            owner[chosen.row] = nodes[chosen.col]
+            parts = discretisation.elasticity.eigenstress(
+                discretisation, tag, strain, discretisation._assemble_vector
+            )
+            for number, (modulus, forces) in enumerate(parts):
+                rows = np.flatnonzero(forces)
+                entries = (forces[rows], (rows, owner[rows // dim]))
+                column = csr_matrix(entries, shape=(forces.size, n))
+                if number == len(total):
+                    total.append((modulus, column))
+                else:
+                    total[number] = (modulus, total[number][1] + column)
+        field.x.array[:] = 0.0
+        return total
 
     def _conductivities(self) -> Iterator[tuple[Any, float]]:
         """Conductivity of each body.
@@ -286,6 +388,15 @@ class _Assembly:
         indptr, indices, data = matrix.getValuesCSR()
         matrix.destroy()
         return csr_matrix((data, indices, indptr), shape=(rows, len(self._node)))
+
+
+def _colours(beside: csr_matrix) -> list[np.ndarray]:
+    """Sets of nodes of which none is beside another one of its set, one node after another."""
+    colour = np.full(beside.shape[0], -1)
+    for node in range(beside.shape[0]):
+        taken = set(colour[beside.indices[beside.indptr[node] : beside.indptr[node + 1]]].tolist())
+        colour[node] = next(k for k in range(len(taken) + 1) if k not in taken)
+    return [np.flatnonzero(colour == k) for k in range(colour.max(initial=-1) + 1)]
 
 
 def _amplitude_of(item: HeatFlux | HeatSource | Convection) -> Formula:

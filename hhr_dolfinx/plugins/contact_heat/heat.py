@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
-
-import numpy as np
 
 from hhr_dolfinx.declared import KnownArguments
 from hhr_dolfinx.errors import SceneError
@@ -116,7 +114,8 @@ class Heat(KnownArguments):
             pressure ``p``, the gap ``g`` and the parameters, ``"2.5 * p**0.95 + 0.3 / (g +
             1e-3)"``. Contacts without one do not conduct.
         expansion: coefficient of linear expansion, by cell tag; bodies without one do not expand.
-        reference: temperature without thermal strain: a number, or one by cell tag.
+        reference: temperature without thermal strain: a number, or one by cell tag for each body
+            that expands.
         temperatures: fixed temperatures.
         supplies: heat fluxes, heat sources and convection.
 
@@ -132,20 +131,46 @@ class Heat(KnownArguments):
     supplies: Sequence[Supply] = ()
 
     def __post_init__(self) -> None:
+        for name in ("conductivity", "conductance", "expansion"):
+            if not isinstance(getattr(self, name), Mapping):
+                raise SceneError(
+                    f"the {name} {getattr(self, name)!r} of heat must be a mapping, such as "
+                    f"{{1: 50.0}}, by {'contact' if name == 'conductance' else 'cell tag'}"
+                )
+        for name, kinds in (("temperatures", FixedTemperature), ("supplies", Supply)):
+            given = getattr(self, name)
+            items = (given,) if isinstance(given, kinds) else given
+            if not isinstance(items, Iterable):
+                raise SceneError(f"the {name} {given!r} of heat must be a sequence")
+            object.__setattr__(self, name, tuple(items))
+            wrong = [item for item in getattr(self, name) if not isinstance(item, kinds)]
+            if wrong:
+                raise SceneError(f"{wrong[0]!r} is none of the {name} of heat")
+        for contact in self.conductance:
+            if isinstance(contact, bool) or not isinstance(contact, int):
+                raise SceneError(f"the contact {contact!r} of a conductance must be a whole number")
         for tag, value in self.conductivity.items():
             if not is_number(value) or value <= 0:
                 raise SceneError(f"the conductivity {value!r} of body {tag} must be positive")
         for tag, value in self.expansion.items():
             if not is_number(value):
                 raise SceneError(f"the expansion {value!r} of body {tag} must be a number")
-        for name, kinds in (("temperatures", FixedTemperature), ("supplies", Supply)):
-            wrong = [item for item in getattr(self, name) if not isinstance(item, kinds)]
-            if wrong:
-                raise SceneError(f"{wrong[0]!r} is none of the {name} of heat")
-        references = self.reference.values() if isinstance(self.reference, Mapping) else [0.0]
-        single = [] if isinstance(self.reference, Mapping) else [self.reference]
-        if not all(is_number(value) and np.isfinite(value) for value in (*references, *single)):
-            raise SceneError(f"the reference {self.reference!r} must be a temperature")
+        self._check_reference()
+
+    def _check_reference(self) -> None:
+        """Raise SceneError unless each body that expands has a reference."""
+        if not isinstance(self.reference, Mapping):
+            if not is_number(self.reference):
+                raise SceneError(f"the reference {self.reference!r} must be a temperature")
+            return
+        for tag, value in self.reference.items():
+            if tag not in self.conductivity:
+                raise SceneError(f"the reference of heat names a body {tag!r} without conductivity")
+            if not is_number(value):
+                raise SceneError(f"the reference {value!r} of body {tag} must be a temperature")
+        for tag in self.expansion:
+            if tag not in self.reference:
+                raise SceneError(f"body {tag} expands, and needs a reference: name it too")
 
     def reference_of(self, tag: Tag) -> float:
         """Temperature of a body without thermal strain.
@@ -154,5 +179,5 @@ class Heat(KnownArguments):
             tag: cell tag of the body.
         """
         if isinstance(self.reference, Mapping):
-            return float(self.reference.get(tag, 0.0))
+            return float(self.reference[tag])
         return float(self.reference)

@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import ufl
+from dolfinx import fem
 from mpi4py import MPI
 
-from hhr_dolfinx.amplitudes import Amplitude
-from hhr_dolfinx.errors import NotOfferedError, SceneError, SmallStrainWarning
+from hhr_dolfinx.amplitudes import Amplitude, check_formula
+from hhr_dolfinx.errors import (
+    NotOfferedError,
+    PairingWarning,
+    ParameterError,
+    SceneError,
+    SmallStrainWarning,
+)
 from hhr_dolfinx.formulas import Scalar, box_samples, formula_of
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.loads import Assembler, Term
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, Tag
 from hhr_dolfinx.plugins.contact_heat.conduction import Conduction, eliminated, heat_system
 from hhr_dolfinx.plugins.contact_heat.heat import GAP, PRESSURE, Heat
 from hhr_dolfinx.plugins.contact_heat.model import HeatModel
@@ -24,10 +34,25 @@ from hhr_dolfinx.study.condensing import condensed
 from hhr_dolfinx.warn import ignored, warn
 
 if TYPE_CHECKING:
+    from ufl.core.expr import Expr
+
+    from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.scene import Scene
 
 CHECKED_CORNERS = 16
 """Most corners of the box in which strains are checked, as those of other models."""
+SIZES = (0.0, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9)
+"""Pressures and gaps at which signs of conductances are checked at first."""
+FLOW = "heat_of_condition_"
+LEVEL = "level_of_body_"
+"""Beginnings of the names of heat flows and of temperatures of bodies, as parameters of loads."""
+UNBOUNDED = 1e30
+"""Ends of these parameters, which nobody chooses."""
+LOST_AREA = 1e-6
+"""Part of the area of a contact that may have no condition: round-off."""
+OF_STRESS = ("VonMises", "StressAt", "ElasticEnergy")
+"""Outputs that would leave out the thermal strain."""
 
 
 def condense_heat(scene: Scene, heat: Heat) -> HeatModel:
@@ -67,6 +92,7 @@ def condense_heat(scene: Scene, heat: Heat) -> HeatModel:
         (124.5, 80.0)
     """
     _check(scene)
+    _check_amplitudes(scene, heat)
     full = FullOrderModel(_naming_all(scene), MPI.COMM_SELF)
     problem = full.problem
     if problem.kernel is not None:
@@ -79,10 +105,14 @@ def condense_heat(scene: Scene, heat: Heat) -> HeatModel:
         raise NotOfferedError(
             "contact conditions without an area have no pressure: take another pairing"
         )
-    conduction = eliminated(heat_system(full, heat))
-    augmented = _augmented(scene, conduction)
+    conducting = _conducting(scene, conductances)
+    _warn_of_lost_areas(full, conducting)
+    conduction = eliminated(heat_system(full, heat, conducting))
+    shown = ShownTemperature(heat)
+    heated = FullOrderModel(_augmented(scene, conduction, shown), MPI.COMM_SELF)
     with ignored(SmallStrainWarning):  # heat flows are no parameters of the user
-        mechanical = condensed(FullOrderModel(augmented, MPI.COMM_SELF), fields=True)
+        mechanical = condensed(heated, fields=True)
+    mechanical = _with_stress(mechanical, heated, conduction, shown, len(scene.parameters.names))
     areas = problem.contact_areas.copy()
     model = HeatModel(scene.parameters, mechanical, conduction, conductances, areas)
     _check_strains(full, model)
@@ -114,6 +144,7 @@ def _check(scene: Scene) -> None:
 
     Raises:
         NotOfferedError: with the reason.
+        SceneError: for names that it takes.
     """
     faults = {
         "bodies have laws": any(body.law is not None for body in scene.bodies),
@@ -124,6 +155,9 @@ def _check(scene: Scene) -> None:
         "moduli depend on parameters": any(
             isinstance(value, str) for body in scene.bodies for value in (body.young, body.poisson)
         ),
+        "outputs read stress or energy, which answer.stress() has": any(
+            type(output).__name__ in OF_STRESS for output in scene.outputs
+        ),
     }
     for fault, present in faults.items():
         if present:
@@ -131,6 +165,57 @@ def _check(scene: Scene) -> None:
                 f"{fault} in scene '{scene.name}': heat through contacts is for elastic bodies of "
                 "constant moduli and shape with unilateral contact"
             )
+    taken = [name for name in scene.parameters.names if name.startswith((FLOW, LEVEL))]
+    if taken:
+        raise SceneError(f"a parameter is named {taken[0]!r}, as heat flows are: rename it")
+    flows = {f"heat {k}" for k in range(len(scene.contacts))}
+    if taken := [output.name for output in scene.outputs if output.name in flows]:
+        raise SceneError(f"an output is named {taken[0]!r}, as heat flows are: rename it")
+
+
+def _check_amplitudes(scene: Scene, heat: Heat) -> None:
+    """Refuse temperatures and supplies that are not finite somewhere in the box, or name others.
+
+    Raises:
+        SceneError: with the name of the item.
+    """
+    words = ("temperature", "flux", "power", "surroundings")
+    for item in (*heat.temperatures, *heat.supplies):
+        for word in words:
+            if hasattr(item, word):
+                what = f"the {word} of {type(item).__name__} on tag {item.tag}"
+                check_formula(formula_of(getattr(item, word), what).text, scene.parameters, what)
+
+
+def _warn_of_lost_areas(full: FullOrderModel, conducting: Sequence[int]) -> None:
+    """Warn of contact whose displacement is imposed on both sides: it has no condition, and passes
+    no heat on.
+    """
+    rows, pairs = full.discretisation.contact_rows()
+    for pair in conducting:
+        whole = rows.areas[pairs == pair].sum()
+        kept = full.problem.contact_areas[full.problem.contact_pairs == pair].sum()
+        if kept < (1 - LOST_AREA) * whole:
+            warn(
+                f"displacements are imposed on both sides of {1 - kept / whole:.0%} of contact "
+                f"{pair} of scene '{full.scene.name}': no heat passes there. Leave one side free "
+                "at the edge",
+                PairingWarning,
+            )
+
+
+def _conducting(scene: Scene, conductances: dict[int, Scalar]) -> list[int]:
+    """Contacts that conduct at some pressure or gap."""
+    points = box_samples(scene.parameters)
+    ends = [(p, 0.0) for p in SIZES] + [(0.0, g) for g in SIZES]
+    return [
+        number
+        for number, scalar in conductances.items()
+        if any(
+            (scalar.values(np.hstack([points, np.tile(end, (len(points), 1))])) > 0).any()
+            for end in ends
+        )
+    ]
 
 
 def _conductances(scene: Scene, heat: Heat) -> dict[int, Scalar]:
@@ -167,11 +252,16 @@ def _conductances(scene: Scene, heat: Heat) -> dict[int, Scalar]:
 def _check_sign(scalar: Scalar, space: ParameterSpace, number: int) -> None:
     """Refuse a conductance that is negative or not a number, where contact presses or is open."""
     points = box_samples(space)
-    sizes = np.array([0.0, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9])
-    states = [(size, 0.0) for size in sizes] + [(0.0, size) for size in sizes]
+    states = [(size, 0.0) for size in SIZES] + [(0.0, size) for size in SIZES]
     for pressure, gap in states:
         ends = np.tile([pressure, gap], (len(points), 1))
-        values = scalar.values(np.hstack([points, ends]))
+        try:
+            values = scalar.values(np.hstack([points, ends]))
+        except ParameterError as error:
+            raise SceneError(
+                f"the conductance {scalar.text!r} of contact {number} ends at p = {pressure:g}, g "
+                f"= {gap:g}: {error}. Let a table reach far, or write min(p, LARGEST)"
+            ) from None
         if not np.isfinite(values).all() or (values < 0).any():
             worst = values[~(np.isfinite(values) & (values >= 0))][0]
             raise SceneError(
@@ -181,15 +271,70 @@ def _check_sign(scalar: Scalar, space: ParameterSpace, number: int) -> None:
             )
 
 
+class ShownTemperature:
+    """Temperatures whose strain stresses leave out, those of the answer that is shown.
+
+    Args:
+        heat: heat of the scene.
+    """
+
+    def __init__(self, heat: Heat):
+        self._heat = heat
+        self._lock = threading.Lock()
+        self._field: fem.Function | None = None
+
+    @contextmanager
+    def of(self, discretisation: Discretisation, temperature: np.ndarray) -> Iterator[None]:
+        """Show temperatures at the nodes, (n,), in a block of one thread at a time.
+
+        Args:
+            discretisation: functions on the mesh whose stresses are asked for.
+            temperature: of the nodes, (n,).
+        """
+        with self._lock:
+            space, parents = discretisation.space.sub(0).collapse()
+            self._field = fem.Function(space)
+            nodes = np.ravel(parents) // discretisation.mesh.geometry.dim
+            self._field.x.array[:] = temperature[nodes]
+            try:
+                yield
+            finally:
+                self._field = None
+
+    def strain(self, tag: Tag) -> tuple[Amplitude, Expr] | None:
+        """Amplitude and strain of a body; None for one that does not expand, and outside a block.
+
+        Args:
+            tag: the body.
+        """
+        if self._field is None or tag not in self._heat.expansion:
+            return None
+        excess = self._field - self._heat.reference_of(tag)
+        return Amplitude(1.0), self._heat.expansion[tag] * excess * ufl.Identity(3)
+
+
 @dataclass(frozen=True)
 class _GivenTerms:
-    """Nodal forces with amplitudes, as a load."""
+    """Nodal forces with amplitudes, as a load whose strain stresses leave out."""
 
     given: Sequence[Term]
+    shown: ShownTemperature
 
     def terms(self, assembler: Assembler) -> list[Term]:
         """These terms."""
         return list(self.given)
+
+    def eigenstrain_of(self, tag: Tag, mesh: ufl.Mesh) -> tuple[Amplitude, Expr] | None:
+        """Strain by the temperatures that are shown; None for a body that does not expand.
+
+        Args:
+            tag: the body.
+            mesh: UFL mesh of the scene.
+        """
+        return self.shown.strain(tag)
+
+    def __repr__(self) -> str:
+        return f"the thermal forces of {len(self.given)} heat flows and supplies"
 
 
 @dataclass(frozen=True)
@@ -204,16 +349,41 @@ class _NoForce:
         return [Term(amplitude, np.zeros(assembler.size))]
 
 
-def _augmented(scene: Scene, conduction: Conduction) -> Scene:
+def _with_stress(
+    model: CondensedModel,
+    full: FullOrderModel,
+    conduction: Conduction,
+    shown: ShownTemperature,
+    count: int,
+) -> CondensedModel:
+    """The model whose stresses leave out the thermal strain of each answer.
+
+    Args:
+        model: condensed model of the scene with heat flows as parameters.
+        full: its full model.
+        conduction: temperatures of the scene.
+        shown: temperatures of the load of the scene.
+        count: number of the parameters of the user, the first ones.
+    """
+
+    def stress_of(displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
+        with shown.of(full.discretisation, conduction.temperature(point, count)):
+            return full.stress_of(displacement, point)
+
+    fields = replace(model.fields, stress_of=stress_of)
+    return model.changed(fields=fields)
+
+
+def _augmented(scene: Scene, conduction: Conduction, shown: ShownTemperature) -> Scene:
     """The scene whose further parameters are heat flows and levels; supplies are loads."""
-    flows = [f"heat_of_condition_{k}" for k in range(conduction.per_heat.shape[1])]
-    levels = [f"level_of_body_{k}" for k in range(conduction.levels.shape[1])]
+    flows = [f"{FLOW}{k}" for k in range(conduction.per_heat.shape[1])]
+    levels = [f"{LEVEL}{k}" for k in range(conduction.levels.shape[1])]
     space = scene.parameters
     added = [*flows, *levels]
     wide = ParameterSpace(
         (*space.names, *added),
-        (*space.lower, *(-1.0 for _ in added)),
-        (*space.upper, *(1.0 for _ in added)),
+        (*space.lower, *(-UNBOUNDED for _ in added)),
+        (*space.upper, *(UNBOUNDED for _ in added)),
     )
     expansion = conduction.expansion
     columns = np.hstack([-conduction.per_heat, conduction.levels])
@@ -227,7 +397,7 @@ def _augmented(scene: Scene, conduction: Conduction) -> Scene:
         for name, column in zip(added, columns.T, strict=True)
     ]
     named = _naming_all(scene)
-    return replace(named, parameters=wide, loads=(*named.loads, _GivenTerms(tuple(terms))))
+    return replace(named, parameters=wide, loads=(*named.loads, _GivenTerms(tuple(terms), shown)))
 
 
 def _naming_all(scene: Scene) -> Scene:

@@ -8,14 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.errors import ConvergenceError, HHRError, StabilityWarning
+from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
+from hhr_dolfinx.errors import ConvergenceError, HHRError, SceneError, StabilityWarning
 from hhr_dolfinx.formulas import Scalar
+from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.contact_heat.conduction import Conduction
 from hhr_dolfinx.plugins.contact_heat.heat import GAP, PRESSURE
-from hhr_dolfinx.plugins.contact_heat.newton import CoupledContact, CoupledSolution, solved
+from hhr_dolfinx.plugins.contact_heat.newton import (
+    CoupledContact,
+    CoupledSolution,
+    by_conducting_gaps,
+    solved,
+)
 from hhr_dolfinx.warn import warn
 
 IMAGINARY_STEP = 1e-30
@@ -71,16 +78,28 @@ class HeatAnswer:
 
     def temperature(self) -> np.ndarray:
         """Temperature at the nodes of the mesh, (n,)."""
-        conduction = self._model.conduction
-        fields = conduction.temperatures @ self._model.supplies(self.parameter)
-        return fields - conduction.per_heat @ self.heat + conduction.levels @ self.levels
+        point = np.concatenate([self.parameter, self.heat, self.levels])
+        return self._model.conduction.temperature(point, self.parameter.size)
+
+    def stress(self) -> np.ndarray:
+        """Stress in the middle of each cell, without that of the free expansion, Kelvin's notation,
+        (cells, components), see :meth:`hhr_dolfinx.models.answer.Answer.stress`.
+        """
+        return self.mechanical.stress()
 
     def heat_through(self, contact: int) -> float:
         """Heat flow through a contact from its first surface to the second.
 
         Args:
             contact: number of the contact in the scene.
+
+        Raises:
+            SceneError: for a number that no contact has.
         """
+        if isinstance(contact, bool) or contact not in self._model.contacts:
+            raise SceneError(
+                f"the scene has contacts {sorted(self._model.contacts)}, and no {contact!r}"
+            )
         return float(self.heat[self._model.pairs == contact].sum())
 
     def outputs(self) -> dict[str, float]:
@@ -140,13 +159,10 @@ class HeatModel:
         """Number of contact conditions."""
         return len(self._schur)
 
-    def supplies(self, point: np.ndarray) -> np.ndarray:
-        """Amplitudes of supplies and fixed temperatures at a point, (t,).
-
-        Args:
-            point: parameter, (P,).
-        """
-        return np.array([scalar.value(point) for scalar in self.conduction.amplitudes])
+    @property
+    def contacts(self) -> set[int]:
+        """Numbers of the contacts that have conditions."""
+        return set(self.pairs.tolist())
 
     def balances(self, point: Any) -> list[HeatAnswer]:
         """The different balances that two starts find: contact without heat, and closed contacts
@@ -161,7 +177,7 @@ class HeatModel:
         checked = self.parameters.point(point)
         contact = self._coupled(checked)
         found = [one for one in self._found(contact) if one.converged]
-        if len(found) == 2 and _alike(*found):
+        if len(found) > 1 and _alike(*found[:2]):
             del found[1]
         return [self._answer(checked, contact, one, several=len(found) > 1) for one in found]
 
@@ -194,13 +210,11 @@ class HeatModel:
                     "Give the gap a conductance too, or a smoother one"
                 )
             return self._answer(checked, contact, found[0], several=False)
-        several = both and (len(balanced) < len(found) or not _alike(*found))
+        several = both and len(balanced) > 1 and not _alike(*balanced[:2])
         if several:
-            start = "contact without heat" if found[0].converged else "closed contacts"
             warn(
-                f"at {self.parameters.described(checked)} contact and heat have several balances, "
-                f"or one start of two finds none: this one is that from {start}, see "
-                "model.balances(point)",
+                f"at {self.parameters.described(checked)} contact and heat have several balances: "
+                "this one is that from contact without heat, see model.balances(point)",
                 StabilityWarning,
             )
         return self._answer(checked, contact, balanced[0], several=several)
@@ -264,7 +278,7 @@ class HeatModel:
 
     def _coupled(self, point: np.ndarray) -> CoupledContact:
         still = np.concatenate([point, np.zeros(self._per_heat.shape[1])])
-        supplies = self.supplies(point)
+        supplies = self.conduction.supplies(point)
         return CoupledContact(
             slack=self._free_slack @ self._amplitudes(still),
             schur=self._schur,
@@ -295,17 +309,27 @@ class HeatModel:
 
     def _found(self, contact: CoupledContact, both: bool = True) -> list[CoupledSolution]:
         """Solutions from contact without heat, and from closed contacts that conduct perfectly: if
-        both are wanted, or the first is none.
+        both are wanted, or the first is none. If neither is one, that by gaps that conduct, less
+        and less.
         """
-        cold = _without_heat(contact)
+        forces = self._without_heat(contact.slack)
         nothing = np.zeros(self._per_heat.shape[1])
-        first = solved(contact, np.nan_to_num(cold.forces), nothing)
-        if first.converged and not both:
-            return [first]
+        found = [solved(contact, forces, nothing)]
+        if found[0].converged and not both:
+            return found
         flows = self._perfect @ np.concatenate([contact.jump, contact.supplied])
         closed = np.linalg.solve(self._schur, -contact.slack - self._per_heat @ flows)
         pressed = np.maximum(closed, 0.1 * np.abs(closed).max(initial=0.0))
-        return [first, solved(contact, pressed, flows)]
+        found.append(solved(contact, pressed, flows))
+        if not any(one.converged for one in found):
+            found.append(by_conducting_gaps(contact, forces, nothing))
+        return found
+
+    def _without_heat(self, slack: np.ndarray) -> np.ndarray:
+        """Forces of contact alone, at the temperatures without heat flows, (m,)."""
+        equalities = SchurEqualities.of(self._schur, LapackLU)
+        forces = active_set(equalities, slack, slack < 0).forces
+        return np.maximum(np.nan_to_num(forces), 0.0)
 
     @cached_property
     def _perfect(self) -> np.ndarray:
@@ -329,33 +353,39 @@ class HeatModel:
         self, point: np.ndarray, contact: CoupledContact, found: CoupledSolution, several: bool
     ) -> HeatAnswer:
         jump = contact.jump - contact.compliance @ found.heat + contact.levels @ found.levels
+        self._check_sign(point, contact, found)
+        for array in (found.heat, found.levels, jump):
+            array.flags.writeable = False
         return HeatAnswer(
             point, found.heat, jump, found.converged, found.steps, several, self, found
         )
 
-
-def _without_heat(contact: CoupledContact) -> CoupledSolution:
-    """Contact alone, at the temperatures without heat flows."""
-    m = contact.slack.size
-    still = contact._replace(
-        per_heat=contact.per_heat[:, :m],
-        jump=np.zeros(m),
-        levels=np.zeros((m, 0)),
-        supplied=np.zeros(0),
-        conductance=_nothing,
-    )
-    return solved(still, np.ones(m), np.zeros(m))
-
-
-def _nothing(pressures: np.ndarray, gaps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """No conductance."""
-    nothing = np.zeros(pressures.size)
-    return nothing, nothing, nothing
+    def _check_sign(
+        self, point: np.ndarray, contact: CoupledContact, found: CoupledSolution
+    ) -> None:
+        """Refuse an answer in which a conductance is negative, or no number."""
+        if not found.converged:
+            return
+        pressed = found.forces / contact.areas
+        opened = np.maximum(found.slack, 0.0)
+        conducted = contact.conductance(pressed, opened)[0]
+        wrong = np.flatnonzero(~(conducted >= 0))
+        if wrong.size:
+            row = wrong[0]
+            raise SceneError(
+                f"the conductance of contact {self.pairs[row]} is {conducted[row]:g} at p = "
+                f"{pressed[row]:g}, g = {opened[row]:g}, at {self.parameters.described(point)}: it "
+                "must be a number that is not negative"
+            )
 
 
 def _alike(first: CoupledSolution, second: CoupledSolution) -> bool:
     """True for two solutions that differ by round-off."""
-    pairs = ((first.forces, second.forces), (first.heat, second.heat))
+    pairs = (
+        (first.forces, second.forces),
+        (first.heat, second.heat),
+        (first.levels, second.levels),
+    )
     return all(
         np.abs(one - other).max(initial=0.0) <= ALIKE_ANSWERS * np.abs(one).max(initial=0.0)
         for one, other in pairs

@@ -14,8 +14,14 @@ STEPS = 60
 """Most steps; a solution takes five to ten where the conductance is smooth."""
 SETTLED = 1e-12
 """Step over the size of the unknown at which a solution is accepted: its error is the square."""
+STALLED = 1e-8
+"""Step at which one is accepted that is not half of the one before: round-off of soft springs."""
+GAP_CONDUCTANCES = 10.0 ** -np.arange(0.0, 13.0)
+"""Parts of the largest conductance that gaps get, one after another, where no start ends."""
 HALVINGS = 8
-"""Most halvings of a step whose residual grows."""
+"""Most halvings of a step whose residual grows tenfold."""
+FALLING_HALVINGS = 30
+"""Most halvings of a step whose residual must fall."""
 
 
 class CoupledContact(NamedTuple):
@@ -55,7 +61,9 @@ class _Scales(NamedTuple):
     level: float
 
 
-def solved(contact: CoupledContact, forces: np.ndarray, flows: np.ndarray) -> CoupledSolution:
+def solved(
+    contact: CoupledContact, forces: np.ndarray, flows: np.ndarray, *, falling: bool = False
+) -> CoupledSolution:
     """Solve for forces, heat flows and temperatures of bodies together.
 
     The conditions are λ >= 0, s >= 0, λ s = 0 with s = slack + S λ + D q, and q = a h(λ / a, s) j
@@ -65,6 +73,7 @@ def solved(contact: CoupledContact, forces: np.ndarray, flows: np.ndarray) -> Co
         contact: the problem.
         forces: forces to start from, (m,).
         flows: heat flows and temperatures of bodies to start from, (m + b,).
+        falling: shorten steps until the residual falls: slower, and where full ones go to and fro.
     """
     m = forces.size
     scales = _scales(contact)
@@ -73,6 +82,7 @@ def solved(contact: CoupledContact, forces: np.ndarray, flows: np.ndarray) -> Co
     )
     steps = 0
     size = np.inf
+    settled = False
     with np.errstate(all="ignore"):
         residual, jacobian, active = _linearised(contact, scales, unknown)
         while steps < STEPS:
@@ -84,11 +94,17 @@ def solved(contact: CoupledContact, forces: np.ndarray, flows: np.ndarray) -> Co
             except np.linalg.LinAlgError:
                 break
             before = active
-            unknown, residual, jacobian, active = _moved(contact, scales, unknown, step, residual)
+            last = size
+            unknown, residual, jacobian, active = _moved(
+                contact, scales, unknown, step, residual, falling
+            )
             size = np.abs(step).max() / max(np.abs(unknown).max(), 1e-300)
-            if size <= SETTLED and np.array_equal(before, active):
+            settled = size <= SETTLED or (size <= STALLED and size > last / 2)
+            if settled and np.array_equal(before, active):
                 break
-    converged = bool(size <= SETTLED) and bool(np.isfinite(unknown).all())
+        else:
+            settled = False
+    converged = settled and bool(np.isfinite(unknown).all())
     if not converged:
         unknown = np.full(unknown.size, np.nan)
     forces = np.where(active, unknown[:m] * scales.force, 0.0)
@@ -96,6 +112,46 @@ def solved(contact: CoupledContact, forces: np.ndarray, flows: np.ndarray) -> Co
     slack = contact.slack + contact.schur @ forces + contact.per_heat @ flows
     slack = np.where(active, 0.0, slack)
     return CoupledSolution(forces, slack, flows[:m], flows[m:], steps, converged)
+
+
+def by_conducting_gaps(
+    contact: CoupledContact, forces: np.ndarray, flows: np.ndarray
+) -> CoupledSolution:
+    """Solve with a conductance that is added everywhere, less and less of it, and last with none.
+
+    Heat then changes little by little while contacts open and close.
+
+    Args:
+        contact: the problem.
+        forces: forces to start from, (m,).
+        flows: heat flows and temperatures of bodies to start from, (m + b,).
+    """
+    pressures = np.abs(forces).max(initial=0.0) / contact.areas
+    largest = float(
+        np.nan_to_num(contact.conductance(pressures, 0 * pressures)[0]).max(initial=0.0)
+    )
+    largest = max(largest, 1.0 / max(float(np.diag(contact.compliance).mean()), 1e-300))
+    found = None
+    for part in (*GAP_CONDUCTANCES, 0.0):
+        added = part * largest
+        more = contact._replace(conductance=_with_gas(contact.conductance, added))
+        found = solved(more, forces, flows)
+        if not found.converged:
+            found = solved(more, forces, flows, falling=True)
+        if found.converged:
+            forces, flows = found.forces, np.concatenate([found.heat, found.levels])
+    assert found is not None
+    return found
+
+
+def _with_gas(conductance: Conductance, added: float) -> Conductance:
+    """A conductance with a constant one beside it."""
+
+    def more(pressures: np.ndarray, gaps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        conducted, of_pressure, of_gap = conductance(pressures, gaps)
+        return conducted + added, of_pressure, of_gap
+
+    return more
 
 
 def _scales(contact: CoupledContact) -> _Scales:
@@ -115,15 +171,17 @@ def _moved(
     unknown: np.ndarray,
     step: np.ndarray,
     residual: np.ndarray,
+    falling: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The unknown after a step, or the first part of it whose residual is finite and not far above
     that before; with its residual, derivatives and closed contacts.
     """
-    bound = 10 * np.abs(residual).max()
-    for k in range(HALVINGS + 1):
+    size = np.linalg.norm(residual)
+    for k in range(FALLING_HALVINGS if falling else HALVINGS):
         there = unknown + step / 2**k
         found = _linearised(contact, scales, there)
-        if np.isfinite(found[0]).all() and np.abs(found[0]).max() <= bound:
+        most = (1 - 0.1 / 2**k) * size if falling else 10 * size
+        if np.isfinite(found[0]).all() and np.linalg.norm(found[0]) <= most:
             break
     return there, *found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -168,7 +169,7 @@ def _interactions(blocks: Sequence[KeywordBlock], todo: list[Left]) -> dict[str,
             interactions[name] = Interaction()
         elif block.keyword.startswith("CHANGE "):
             name = None  # of a later step, which is left
-        elif block.keyword == "SURFACE BEHAVIOR" and block.rows and name is not None:
+        elif block.keyword == "SURFACE BEHAVIOR" and name is not None:
             interactions[name] = interactions[name]._replace(curve=_curve(block, todo))
         elif block.keyword == "FRICTION" and block.rows and name is not None:
             limit = block.number(block.options["TAUMAX"]) if "TAUMAX" in block.options else math.inf
@@ -193,19 +194,21 @@ def _curve(block: KeywordBlock, todo: list[Left]) -> str:
 
     The stiffness of LINEAR is most often that of hard contact in a code that has no other one.
     """
-    numbers = [block.numbers(row) for row in block.rows]
     kind = block.word("PRESSURE-OVERCLOSURE")
     try:
+        numbers = [block.numbers(row) for row in block.rows]
         if kind == "LINEAR":
             soft = SoftContact(stiffness=numbers[0][0])
             todo.append(block.left(f"{_HARD}: law=hhr.SoftContact(stiffness={soft.stiffness!r})"))
             return ""
         if kind == "EXPONENTIAL":
-            clearance, pressure = numbers[0][:2]
+            clearance, pressure, *_ = itertools.chain(*numbers)
             soft = SoftContact(exponential=(clearance, pressure))
             todo.append(block.left(_EXPONENTIAL))
             return f"hhr.SoftContact(exponential={soft.exponential!r})"
         if kind == "TABULAR":
+            if any(len(row) > 3 for row in numbers):
+                raise SceneError("a line of a table has a pressure, an overclosure, a temperature")
             soft = SoftContact(table=tuple((row[1], row[0]) for row in numbers))
             todo.append(block.left(_TABULAR))
             return f"hhr.SoftContact(table={soft.table!r})"

@@ -66,6 +66,8 @@ class SoftContact(PairLaw):
             )
         if self._has("exponential"):
             self._check_exponential()
+        if is_number(self._factor) and self._factor <= 0:
+            raise SceneError(f"{_POSITIVE}, and {self._factor!r} is none")
         if self._has("table"):
             self._check_table()
         elif self.scale != 1.0:

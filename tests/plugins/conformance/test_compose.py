@@ -142,7 +142,7 @@ def test_few_pairs_are_refused():
             composed(ChosenSwitch(name, known[name]) for name in pair)
         except Excluded:
             excluded += 1
-    assert 20 <= excluded <= 30
+    assert 20 <= excluded <= 36  # a pair has one law: each law of contacts excludes the others
     assert len(refused) <= 0.02 * (len(every) - excluded)
 
 

@@ -5,10 +5,17 @@ import dataclasses
 import numpy as np
 import pytest
 from heated_pairs import Coupled, blocks, heat, thick_blocks, thick_heat
+from needs import needs
 from scipy.optimize import brentq
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, SceneError, StabilityWarning
+from hhr_dolfinx.errors import (
+    ConvergenceError,
+    NotOfferedError,
+    PairingWarning,
+    SceneError,
+    StabilityWarning,
+)
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
 
@@ -36,29 +43,34 @@ def test_answers_are_those_of_a_coupled_full_model(hypothesis):
     assert answer.mechanical.converged and "peak" in answer.outputs()
 
 
-def rods(conductance, cold, warm, gap=0.0, expansion=2e-5, **more):
+def rod_scene(gap=0.0, cells=(2, 2), order=1, pairing=None, **more):
     """Two rods between walls that hold them aside: nothing depends on the place across."""
     faces = side(FIRST, 1, True), side(SECOND, 1, False)
     sides = [side(tag, 0, upper) for tag in (FIRST, SECOND) for upper in (False, True)]
     push = hhr.Amplitude(slopes={"push": -1.0})
-    scene = hhr.Scene(
-        name="rods",
-        geometry=lambda comm: two_blocks.two_blocks(
+    given = {
+        "name": "rods",
+        "geometry": lambda comm: two_blocks.two_blocks(
             comm,
-            first=((0.0, 0.0), (1.0, 1.0), (2, 4)),
-            second=((0.0, 1.0 + gap), (1.0, 2.0 + gap), (2, 4)),
+            first=((0.0, 0.0), (1.0, 1.0), (cells[0], 4)),
+            second=((0.0, 1.0 + gap), (1.0, 2.0 + gap), (cells[1], 4)),
         ),
-        hypothesis="plane_strain",
-        bodies=(hhr.Body(FIRST, 200.0, 0.0), hhr.Body(SECOND, 100.0, 0.0)),
-        contacts=(hhr.NodeToNode(*faces, (0.0, 1.0)),),
-        parameters=hhr.ParameterSpace(("push", "T"), (-0.01, -200.0), (0.01, 200.0)),
-        displacements=(
+        "hypothesis": "plane_strain",
+        "bodies": (hhr.Body(FIRST, 200.0, 0.0), hhr.Body(SECOND, 100.0, 0.0)),
+        "contacts": (pairing(*faces) if pairing else hhr.NodeToNode(*faces, (0.0, 1.0)),),
+        "parameters": hhr.ParameterSpace(("push", "T"), (-0.01, -200.0), (0.01, 200.0)),
+        "displacements": (
             hhr.Displacement(side(FIRST, 1, False), 1),
             *(hhr.Displacement(tag, 0) for tag in sides),
             hhr.Displacement(side(SECOND, 1, True), 1, push),
         ),
-        outputs=(hhr.LargestPressure("peak", 0),),
-    )
+        "outputs": (hhr.LargestPressure("peak", 0),),
+        "order": order,
+    }
+    return hhr.Scene(**given | more)
+
+
+def rods(conductance, cold, warm, expansion=2e-5, scene=None, **more):
     given = {
         "conductivity": {FIRST: 20.0, SECOND: 50.0},
         "conductance": {0: conductance},
@@ -68,7 +80,152 @@ def rods(conductance, cold, warm, gap=0.0, expansion=2e-5, **more):
             hhr.FixedTemperature(side(SECOND, 1, True), warm),
         ],
     }
-    return hhr.condense_heat(scene, hhr.Heat(**given | more))
+    gap = {"gap": more.pop("gap")} if "gap" in more else {}
+    return hhr.condense_heat(scene or rod_scene(**gap), hhr.Heat(**given | more))
+
+
+IN_SERIES = 0.33831688990, -149.506632510
+"""Pressure and heat flow of rods with 3 p^0.95 at push 0.005, T = 150, by the balance below."""
+
+
+@pytest.mark.parametrize(
+    ("cells", "order", "name"),
+    [
+        ((2, 2), 2, "node"),
+        pytest.param((5, 2), 2, "NodeToSurface", marks=needs("nonmatching", "second_order")),
+        pytest.param((5, 3), 1, "Mortar", marks=needs("mortar")),
+        pytest.param((3, 5), 1, "Mortar", marks=needs("mortar")),
+        pytest.param((5, 3), 2, "Mortar", marks=needs("mortar", "second_order")),
+    ],
+)
+@pytest.mark.filterwarnings("ignore")  # of pairings of second order
+def test_weights_of_both_signs_pass_the_heat_on(cells, order, name):
+    """As cells of second order and dual mortar have them: they sum up to 1 on a surface."""
+    pairing = None if name == "node" else getattr(hhr, name)
+    model = rods("3 * p**0.95", 0.0, "T", scene=rod_scene(0.0, cells, order, pairing))
+    answer = model.solve([0.005, 150.0])
+    tolerance = 1e-9 if name != "NodeToSurface" else 0.05  # its pressures oscillate
+    assert answer.heat_through(0) == pytest.approx(IN_SERIES[1], rel=tolerance)
+
+
+@pytest.mark.parametrize("nu", [0.3, 0.48, 0.4999])
+@pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric", "plane_stress"])
+def test_a_free_body_expands_whatever_its_ratio(nu, hypothesis):
+    """Cells of bodies that are nearly incompressible have the mean dilatation of the heat too."""
+    ways = [hhr.Displacement(side(tag, 1, tag == SECOND), 1) for tag in (FIRST, SECOND)]
+    if hypothesis != "axisymmetric":
+        ways += [hhr.Displacement(side(tag, 0, False), 0) for tag in (FIRST, SECOND)]
+    scene = rod_scene(
+        0.5,
+        hypothesis=hypothesis,
+        bodies=(hhr.Body(FIRST, 200.0, nu), hhr.Body(SECOND, 100.0, nu)),
+        displacements=tuple(ways),
+        outputs=(hhr.DisplacementAt("wide", (1.0, 1.0), 0, FIRST),),
+    )
+    warm = [hhr.FixedTemperature(side(tag, 1, False), 100.0) for tag in (FIRST, SECOND)]
+    found = rods(0.0, 0.0, 0.0, scene=scene, temperatures=warm).solve([0.0, 0.0])
+    free = 2e-5 * 100.0 * (1 + nu if hypothesis == "plane_strain" else 1.0)
+    assert found.outputs()["wide"] == pytest.approx(free, rel=1e-9)
+
+
+def test_stress_leaves_the_free_expansion_out():
+    """σ_yy is -p in both rods, though one is hot; across, the walls hold E α ΔT."""
+    model = rods("3 * p**0.95", 0.0, "T")
+    answer = model.solve([0.005, 150.0])
+    stress = answer.stress()
+    np.testing.assert_allclose(stress[:, 1], -IN_SERIES[0], rtol=1e-8)
+    assert stress[:, 0].min() == pytest.approx(-200 * 2e-5 * mid_of_last(answer), rel=1e-8)
+    with pytest.raises(NotOfferedError, match="outputs read stress"):
+        rods(1.0, 0.0, "T", scene=rod_scene(outputs=(hhr.VonMises("most", FIRST),)))
+
+
+def mid_of_last(answer):
+    """Temperature in the middle of the lower rod's last cells."""
+    return 7 / 8 * -answer.heat_through(0) / 20
+
+
+@needs("nonmatching")
+def test_a_pairing_both_ways_is_refused():
+    scene = rod_scene(0.0, (4, 3), 1, hhr.DoublePass)
+    with pytest.raises(NotOfferedError, match="goes both ways"):
+        rods(1.0, 0.0, "T", scene=scene)
+
+
+def test_contact_that_is_held_on_both_sides_is_told_of():
+    sides = [side(tag, 0, upper) for tag in (FIRST, SECOND) for upper in (False, True)]
+    held = [hhr.Displacement(tag, axis) for tag in sides for axis in (0, 1)]
+    with pytest.warns(PairingWarning, match="50% of contact 0 .*no heat passes there"):
+        rods(2.0, 0.0, "T", scene=rod_scene(displacements=tuple(held)))
+
+
+def test_a_conductance_that_is_negative_between_is_refused_where_it_counts():
+    model = rods("0.001 + (p - 0.4) * (p - 0.6)", 0.0, "T", expansion=0.0)
+    with pytest.raises(SceneError, match=r"conductance of contact 0 is -0\.009 at p = 0\.5"):
+        model.solve([0.0075, 150.0])
+
+
+@needs("nodal_loads")
+@pytest.mark.parametrize("stiffness", [1e-3, 1e-6, 1e-9])
+def test_soft_springs_hold_bodies_as_refusals_advise(stiffness):
+    """Newton's steps end at the round-off of S, which springs of 1e-9 leave 1e-7 of."""
+    scene = rod_scene()
+    spring = hhr.Springs(side(SECOND, 1, True), 1, 100.0 * stiffness, bedding=True)
+    loose = dataclasses.replace(
+        scene,
+        displacements=scene.displacements[:-1],
+        loads=(spring, hhr.Pressure(side(SECOND, 1, True), hhr.Amplitude(slopes={"push": 100.0}))),
+    )
+    answer = rods("3 * p**0.95", 0.0, "T", scene=loose).solve([0.005, 150.0])
+    assert answer.outputs()["peak"] == pytest.approx(0.5, rel=2 * stiffness + 1e-6)
+
+
+def test_a_balance_between_open_and_closed_is_found():
+    """Where Newton's steps from both starts go to and fro."""
+    model = rods("50 * p / (p + 1e-3) + 0.1 / (1 + g / 1e-4)", 0.0, "T", gap=0.001)
+    answer = model.solve([0.001548, -124.574])
+    assert answer.converged
+
+
+def test_a_fed_body_that_is_open_at_first_warms_until_it_touches():
+    model = rods(
+        "3 * p**0.95",
+        0.0,
+        0.0,
+        gap=0.0005,
+        expansion=0.0,
+        temperatures=[hhr.FixedTemperature(side(FIRST, 1, False), 0.0)],
+        supplies=[hhr.HeatSource(SECOND, 50.0)],
+    )
+    grown = hhr.condense_heat(
+        rod_scene(0.0005),
+        dataclasses.replace(
+            hhr.Heat(
+                conductivity={FIRST: 20.0, SECOND: 50.0},
+                conductance={0: "3 * p**0.95"},
+                expansion={SECOND: 2e-5},
+                temperatures=[hhr.FixedTemperature(side(FIRST, 1, False), 0.0)],
+                supplies=[hhr.HeatSource(SECOND, 50.0)],
+            )
+        ),
+    )
+    assert model.balances([0.0, 0.0]) == []  # it does not grow
+    answer = grown.solve([0.0, 0.0])
+    assert answer.heat_through(0) == pytest.approx(-50.0, rel=1e-9) and answer.forces().all()
+
+
+@pytest.mark.parametrize("conductance", [{}, {0: 0.0}])
+def test_temperatures_that_nothing_determines_are_refused(conductance):
+    with pytest.raises(SceneError, match="the temperature of 1 of 2 bodies is not determined"):
+        hhr.condense_heat(
+            rod_scene(),
+            hhr.Heat(
+                conductivity={FIRST: 20.0, SECOND: 50.0},
+                conductance=conductance,
+                temperatures=[hhr.FixedTemperature(side(FIRST, 1, False), 0.0)],
+            ),
+        )
+    with pytest.raises(SceneError, match="the temperature of 2 of 2 bodies"):
+        rods("3 * p", 0.0, 0.0, temperatures=[])
 
 
 @pytest.mark.parametrize("warm", [20.0, 150.0])
@@ -125,21 +282,39 @@ def test_space_is_plane_strain_where_nothing_moves_along_the_third_axis():
     assert answer.heat_through(0) == pytest.approx(plane.heat_through(0) / 2, rel=1e-9)
 
 
-def test_heat_that_a_warm_rod_gives_to_a_wall_may_have_no_balance():
-    """Open it is warm and too long, closed it is colder and too short; a conducting gap has one."""
+def test_a_warm_rod_at_a_wall_rests_on_the_edge_of_contact():
+    """Open it is warm and too long, closed it is colder and too short: it touches so lightly that
+    its heat leaves it as long as the gap, which Newton's steps alone go to and fro about.
+    """
     model = rods("1e4 * p / (p + 1e-6)", "T", 0.0, gap=0.0015)
     assert len(model.balances([0.0, 60.0])) == 1 and len(model.balances([0.0, 150.0])) == 1
+    answer = model.solve([0.0, 100.0])
+    flow = (100.0 - 0.0015 / 2e-5) * 2 * 20
+    assert answer.heat_through(0) == pytest.approx(flow, rel=1e-6)
+    conducted = flow / (100.0 - flow * (1 / 20 + 1 / 50))
+    pressure = 1e-6 * conducted / (1e4 - conducted)
+    assert answer.outputs()["peak"] == pytest.approx(pressure, rel=1e-3)
+    gas = rods("1e4 * p / (p + 1e-6) + 0.01 / (g + 1e-6)", "T", 0.0, gap=0.0015)
+    answer = gas.solve([0.0, 100.0])
+    flow = answer.heat_through(0)
+    gap = 0.0015 - 2e-5 * (100.0 - flow / 20 / 2)
+    assert gap > 0
+    assert flow == pytest.approx(100 / (1 / 20 + 1 / 50 + (gap + 1e-6) / 0.01), rel=1e-9)
+
+
+def test_a_fed_body_that_never_touches_has_no_balance():
+    model = rods(
+        "3 * p**0.95",
+        0.0,
+        0.0,
+        gap=0.0005,
+        temperatures=[hhr.FixedTemperature(side(FIRST, 1, False), 0.0)],
+        supplies=[hhr.HeatSource(SECOND, "T")],
+    )
     assert model.balances([0.0, 100.0]) == []
     with pytest.raises(ConvergenceError, match="find no balance at push = 0, T = 100"):
         model.solve([0.0, 100.0])
     assert not model.solve([0.0, 100.0], raise_on_failure=False).converged
-    gas = rods("1e4 * p / (p + 1e-6) + 0.01 / (g + 1e-6)", "T", 0.0, gap=0.0015)
-    answer = gas.solve([0.0, 100.0])
-    flow = answer.heat_through(0)
-    length = 2e-5 * (100.0 - flow / 20 / 2)
-    gap = 0.0015 - length
-    assert gap > 0
-    assert flow == pytest.approx(100 / (1 / 20 + 1 / 50 + (gap + 1e-6) / 0.01), rel=1e-9)
 
 
 def test_a_body_that_contact_alone_feeds_passes_on_its_source():
@@ -198,6 +373,16 @@ def test_several_points_and_a_start_alone():
         ({"expansion": {9: 1e-5}}, "heat names a body 9"),
         ({"temperatures": [hhr.FixedTemperature(99, 1.0)]}, "99"),
         ({"temperatures": [3.0]}, "none of the temperatures"),
+        ({"temperatures": 3.0}, "must be a sequence"),
+        ({"conductance": 3.0}, "must be a mapping"),
+        ({"conductance": {False: 1.0}}, "must be a whole number"),
+        ({"conductance": {0: "table(p, 0, 0, 5, 1)"}}, "contact 0 ends at p = 1000"),
+        ({"reference": {7: 20.0}}, "names a body 7"),
+        ({"reference": {FIRST: 20.0}}, "body 2 expands, and needs a reference"),
+        (
+            {"temperatures": [hhr.FixedTemperature(side(FIRST, 1, False), "1 / (T - T)")]},
+            "temperature of FixedTemperature",
+        ),
         ({"reference": float("nan")}, "must be a temperature"),
         ({"supplies": [hhr.HeatSource(SECOND, "W")]}, "W"),
     ],
@@ -205,6 +390,18 @@ def test_several_points_and_a_start_alone():
 def test_what_does_not_fit_the_scene_is_refused(more, said):
     with pytest.raises(SceneError, match=said):
         hhr.condense_heat(blocks(), heat(**more))
+
+
+def test_what_is_asked_of_answers_is_checked():
+    answer = rods("3 * p**0.95", 0.0, "T").solve({"push": 0.005, "T": 20.0})
+    for contact in (5, -1, "0"):
+        with pytest.raises(SceneError, match="the scene has contacts"):
+            answer.heat_through(contact)
+    with pytest.raises(ValueError, match="read-only"):
+        answer.heat[:] = 0.0
+    named = rod_scene(outputs=(hhr.LargestPressure("heat 0", 0),))
+    with pytest.raises(SceneError, match="an output is named 'heat 0'"):
+        rods(1.0, 0.0, "T", scene=named)
 
 
 def test_scenes_that_heat_is_not_for_are_refused():

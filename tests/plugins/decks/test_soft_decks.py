@@ -68,10 +68,29 @@ def test_soft_contact_has_no_friction(tmp_path):
 
 @pytest.mark.parametrize(
     ("rows", "why"),
-    [("1., 0.\n2., 1.", "the first must be 0"), ("0., 0.\n2., 1.\n1., 2.", "falls")],
+    [
+        ("TABULAR\n1., 0.\n2., 1.", "the first must be 0"),
+        ("TABULAR\n0., 0.\n2., 1.\n1., 2.", "falls"),
+        ("TABULAR\n0., 0., 2., .01", "a line of a table has"),
+        ("EXPONENTIAL\n.02, 0.", "give a positive number"),
+        ("LINEAR\n-200.", "give a positive number"),
+    ],
 )
 def test_a_curve_that_is_refused_is_hard_contact(rows, why, tmp_path):
-    table = f"*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR\n{rows}"
+    table = f"*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE={rows}"
     _, scene, output = read(tmp_path, table)
     assert "contact is hard here, as its curve is refused" in output and why in output
     assert pressure(scene) == pytest.approx(STIFFNESS * MOTION, rel=1e-9)
+
+
+def test_the_last_behavior_of_an_interaction_counts(tmp_path):
+    """As in CalculiX; the two numbers of an exponential curve may be on two lines."""
+    folders = [tmp_path / name for name in ("hard", "soft", "split")]
+    for folder in folders:
+        folder.mkdir()
+    hard = f"{TABLE}\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=HARD"
+    assert pressure(read(folders[0], hard)[1]) == pytest.approx(STIFFNESS * MOTION, rel=1e-9)
+    assert "SoftContact" not in (folders[0] / "deck.py").read_text()
+    soft = pressure(read(folders[1], EXPONENTIAL)[1])
+    split = pressure(read(folders[2], EXPONENTIAL.replace(".02, 3.", ".02\n3."))[1])
+    assert split == soft < STIFFNESS * MOTION

@@ -1,0 +1,110 @@
+"""Wear of all conditions, and its increments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from hhr_dolfinx.contact.law import ContactLaw
+from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.memory import Memory
+from hhr_dolfinx.plugins.contact_laws.ranges import Linearised, RangeSolver, RangeStep, closing
+
+WORN = "worn_depth"
+"""Name of the memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class WornConditions(ContactLaw):
+    """Depth that a condition loses per force and second, (m,); zero where nothing wears."""
+
+    plugin: ClassVar[str] = "wear"
+    name: ClassVar[str] = "wear"
+    fixed: ClassVar[np.ndarray] = np.zeros(0, dtype=np.int64)  # type: ignore[misc]
+
+    rate: Annotated[Floats, "m"]
+    rows: Annotated[Integers, "m"]  #: their numbers among all conditions of the scene, (m,)
+
+    def within(self, conditions: np.ndarray) -> WornConditions:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return WornConditions(self.rate[conditions], np.arange(len(conditions)))
+
+    def among(self, conditions: np.ndarray) -> WornConditions:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return replace(self, rows=conditions)
+
+    def parts(self) -> list[str | np.ndarray]:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return [self.rate]
+
+    def opened(self, memory: Memory) -> np.ndarray:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`: the worn depth is a part of the gap."""
+        depth: np.ndarray = memory[WORN]
+        return depth
+
+    @property
+    def layout(self) -> dict[str, tuple[str, ...]]:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return {WORN: ("float", "N_lambda")}
+
+    def stored(self, memory: Memory) -> dict[str, np.ndarray]:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return {WORN: memory[WORN]}
+
+    def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return Memory(**{WORN: arrays[WORN]})
+
+
+class WearRange(RangeSolver[WornConditions, Memory]):
+    """Facet ``range``, by which models solve."""
+
+    def at_rest(self) -> Memory:
+        """Nothing is worn."""
+        return Memory(**{WORN: np.zeros(self.law.rate.size)})
+
+    def step(self, before: Memory, point: np.ndarray, seconds: float) -> WearStep:
+        """Backward Euler for the depth.
+
+        Args:
+            before: memory at the start.
+            point: parameter at the end, (P,).
+            seconds: duration.
+        """
+        return WearStep(self.law.rate * seconds, before[WORN])
+
+
+class WearStep(RangeStep):
+    """Conditions in one increment: slack and worn depth are zero together, or the force is.
+
+    With the depth per force d the force is the projection max(0, y) / (1 + c d) of y = x - c s.
+
+    Args:
+        depth: depth per force, (k,).
+        worn: depth at the start, (k,).
+    """
+
+    def __init__(self, depth: np.ndarray, worn: np.ndarray):
+        self.shift = worn
+        self._depth = depth
+
+    def linearised(
+        self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
+    ) -> Linearised:
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`."""
+        y = forces - stiffness * slack
+        slope = (y > 0) / (1.0 + stiffness * self._depth)
+        return closing(forces, slack, stiffness, slope * y, slope)
+
+    def after(self, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> Memory:
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`."""
+        return Memory(**{WORN: self.shift + self._depth * forces})
+
+    def carried(
+        self, before: np.ndarray, forces: np.ndarray, slack: np.ndarray, active: np.ndarray
+    ) -> np.ndarray:
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`."""
+        return before + self._depth[:, None] * forces

@@ -1,0 +1,75 @@
+"""Wear as a user gives it to a pair."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from hhr_dolfinx.contact.law import MeshArrays, PairLaw
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.parameters import is_number
+from hhr_dolfinx.plugins.wear.laws import WornConditions
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
+
+    from hhr_dolfinx.contact.rows import ContactRows
+
+
+@dataclass(frozen=True)
+class ArchardWear(PairLaw):
+    """Archard's law: the depth that a pair loses grows by constant · pressure · speed, each second.
+
+    The worn depth opens the gap, by backward Euler in each increment, so that increments may be
+    long. Where a cycle counts, a second of the path stands for it, and ``speed`` for the way in it.
+
+    Attributes:
+        constant: depth per pressure and length, Archard's k over the hardness; a number.
+        speed: sliding speed of the pair, length per second; a number.
+
+    Example:
+        >>> hhr.ArchardWear(constant=1e-8, speed=0.2).words
+        'wear, 2e-09 per pressure and second'
+    """
+
+    plugin: ClassVar[str] = "wear"
+    texts: ClassVar[tuple[str, ...]] = ()
+
+    constant: float
+    speed: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("constant", "speed"):
+            value = getattr(self, name)
+            if not is_number(value) or value < 0:
+                raise SceneError(
+                    f"the {name} {value!r} of wear must be a number that is not negative"
+                )
+
+    @property
+    def words(self) -> str:
+        """See :class:`~hhr_dolfinx.contact.law.PairLaw`."""
+        return f"wear, {self.constant * self.speed:g} per pressure and second"
+
+    def check(self, scene: Any, what: str) -> None:
+        """See :class:`~hhr_dolfinx.contact.law.PairLaw`."""
+
+    @classmethod
+    def attached(
+        cls,
+        laws: Mapping[int, Any],
+        scene: Any,
+        rows: ContactRows,
+        pairs: np.ndarray,
+        free: np.ndarray,
+        lifts: csc_matrix,
+        mesh: MeshArrays,
+    ) -> tuple[ContactRows, np.ndarray, WornConditions]:
+        """See :class:`~hhr_dolfinx.contact.law.PairLaw`: no further rows."""
+        rates = np.zeros(len(scene.contacts))
+        for contact, law in laws.items():
+            rates[contact] = law.constant * law.speed
+        return rows, pairs, WornConditions(rates[pairs] / rows.areas, np.arange(pairs.size))
