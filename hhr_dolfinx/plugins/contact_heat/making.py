@@ -68,10 +68,11 @@ def condense_heat(scene: Scene, heat: Heat) -> HeatModel:
     Raises:
         SceneError: for unknown tags or names, or a temperature that is not determined.
         NotOfferedError: for laws of bodies and contacts, constraints, moduli or shapes as
-            parameters, and bodies that contact alone holds.
+            parameters, bodies that contact alone holds, outputs of stress, pairings both ways.
 
     Warns:
         SmallStrainWarning: if strains or rotations are large in a corner of the box.
+        PairingWarning: where displacements are imposed on both sides of a contact that conducts.
 
     Example:
         With the scene of :class:`~hhr_dolfinx.Scene`:

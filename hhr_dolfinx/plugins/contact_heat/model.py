@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from os import PathLike
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +25,9 @@ from hhr_dolfinx.plugins.contact_heat.newton import (
     solved,
 )
 from hhr_dolfinx.warn import warn
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 IMAGINARY_STEP = 1e-30
 """Step of the complex derivatives of conductances: they are exact to round-off."""
@@ -86,6 +90,23 @@ class HeatAnswer:
         (cells, components), see :meth:`hhr_dolfinx.models.answer.Answer.stress`.
         """
         return self.mechanical.stress()
+
+    def plot(self, path: str | PathLike[str] | None = None, scale: float | None = None) -> Figure:
+        """Picture of the deformed bodies with their stress, and of the pressure on the contacts.
+
+        Args:
+            path: file to save the figure to; None does not save it.
+            scale: factor of the displacements; None chooses a power of ten.
+
+        Raises:
+            NotOfferedError: without a plug-in that draws.
+            MissingPackageError: without matplotlib, in space without PyVista.
+        """
+        figure = self.mechanical.plot(scale=scale)
+        figure.suptitle(f"at {self._model.parameters.described(self.parameter)}")
+        if path is not None:
+            figure.savefig(path)
+        return figure
 
     def heat_through(self, contact: int) -> float:
         """Heat flow through a contact from its first surface to the second.

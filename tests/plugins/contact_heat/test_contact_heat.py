@@ -404,6 +404,14 @@ def test_what_is_asked_of_answers_is_checked():
         rods(1.0, 0.0, "T", scene=named)
 
 
+@needs("plots")
+def test_a_picture_names_the_parameters_of_the_user(tmp_path):
+    answer = rods("3 * p**0.95", 0.0, "T").solve({"push": 0.005, "T": 20.0})
+    figure = answer.plot(tmp_path / "rods.png")
+    assert (tmp_path / "rods.png").stat().st_size > 10_000
+    assert figure.get_suptitle() == "at push = 0.005, T = 20"
+
+
 def test_scenes_that_heat_is_not_for_are_refused():
     lawful = blocks()
     faces = side(FIRST, 1, True), side(SECOND, 1, False)
