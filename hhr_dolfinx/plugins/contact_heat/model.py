@@ -15,13 +15,17 @@ from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.models.eliminations.elimination import differentiated
+from hhr_dolfinx.models.functionals.functional import Outputs
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.contact_heat.conduction import Conduction
 from hhr_dolfinx.plugins.contact_heat.heat import GAP, PRESSURE
 from hhr_dolfinx.plugins.contact_heat.newton import (
+    CoupledChanges,
     CoupledContact,
     CoupledSolution,
     by_conducting_gaps,
+    changes_of,
     solved,
 )
 from hhr_dolfinx.warn import warn
@@ -48,7 +52,8 @@ class HeatAnswer:
         jump: temperature of the first surface less that of the second, (m,).
         converged: True if contact and heat are in balance.
         steps: steps of Newton's method.
-        several: True if another start has another answer, or none.
+        several: True if another start has another answer.
+        solution: forces, slacks, heat flows and levels.
     """
 
     parameter: np.ndarray
@@ -57,8 +62,8 @@ class HeatAnswer:
     converged: bool
     steps: int
     several: bool
+    solution: CoupledSolution
     _model: HeatModel
-    _solution: CoupledSolution
 
     @cached_property
     def mechanical(self) -> Answer:
@@ -69,12 +74,17 @@ class HeatAnswer:
 
     def forces(self) -> np.ndarray:
         """Contact forces, (m,), see :meth:`hhr_dolfinx.models.answer.Answer.forces`."""
-        return self._solution.forces.copy()
+        return self.solution.forces.copy()
 
     @property
     def levels(self) -> np.ndarray:
         """Temperatures of bodies that contact alone feeds, above those of their supplies, (b,)."""
-        return self._solution.levels
+        return self.solution.levels
+
+    @property
+    def gaps(self) -> np.ndarray:
+        """Gap of each condition, (m,); 0 where it is closed."""
+        return np.maximum(self.solution.slack, 0.0)
 
     def displacement(self) -> np.ndarray:
         """Displacement on the whole mesh, (N,)."""
@@ -274,13 +284,71 @@ class HeatModel:
             answers.append(self.solve(point, both=False, raise_on_failure=raise_on_failure))
         return answers
 
-    def outputs(self, point: Any) -> dict[str, float]:
+    def outputs(self, point: Any, *, gradient: bool = False) -> Outputs:
         """Outputs at a point, see :meth:`HeatAnswer.outputs`.
 
         Args:
             point: parameter, (P,), or values by name.
+            gradient: add derivatives along the parameters, at the statuses of the answer.
         """
-        return self.solve(point).outputs()
+        answer = self.solve(point)
+        values = answer.outputs()
+        functionals = self.mechanical.fields.functionals
+        items = () if functionals is None else functionals.items
+        units = {item.name: item.unit for item in items}
+        units |= {name: "" for name in values if name not in units}
+        return Outputs(values, units, self._gradient(answer) if gradient else None)
+
+    def _gradient(self, answer: HeatAnswer) -> dict[str, np.ndarray]:
+        """Derivatives of all outputs along the parameters of the user, (P,) each."""
+        count = len(self.parameters.names)
+        changes = self._changes(answer)
+        gradient = {
+            f"heat {contact}": changes[: self.conditions][self.pairs == contact].sum(axis=0)
+            for contact in self.conductances
+        }
+        if self.mechanical.fields.functionals is None:
+            return gradient
+        point = np.concatenate([answer.parameter, answer.heat, answer.levels])
+        contact = self.mechanical.eliminated(point)
+        along = differentiated(contact, answer.mechanical).outputs().gradient
+        assert along is not None
+        of_scene = {name: of[:count] + of[count:] @ changes for name, of in along.items()}
+        return {**of_scene, **gradient}
+
+    def _changes(self, answer: HeatAnswer) -> np.ndarray:
+        """Derivatives of heat flows and levels along the parameters of the user, (m + b, P)."""
+        count = len(self.parameters.names)
+        point = answer.parameter
+        still = np.concatenate([point, np.zeros(self._per_heat.shape[1])])
+        acting, slopes = self._amplitudes.slopes_at(still)
+        supplies = np.array([one.derivative(point) for one in self.conduction.amplitudes])
+        supplies = supplies.reshape(-1, count)
+        contact = self._coupled(point)
+        pressed = answer.forces() / self._areas
+        along = CoupledChanges(
+            slack=self._free_slack[:, acting] @ slopes[:, :count],
+            jump=self._jumps @ supplies,
+            supplied=self.conduction.supplied @ supplies,
+            conductance=self._conducted_changes(point, pressed, answer.gaps),
+        )
+        return changes_of(contact, answer.solution, along)
+
+    def _conducted_changes(
+        self, point: np.ndarray, pressures: np.ndarray, gaps: np.ndarray
+    ) -> np.ndarray:
+        """Derivatives of the conductances along the parameters, (m, P)."""
+        changes = np.zeros((pressures.size, point.size))
+        for contact, scalar in self.conductances.items():
+            rows = self.pairs == contact
+            at = {PRESSURE: pressures[rows], GAP: gaps[rows]}
+            values = dict(zip(self.parameters.names, point.tolist(), strict=True))
+            for place, name in enumerate(self.parameters.names):
+                if name in scalar.formula.variables:
+                    changed = values | {name: complex(values[name], IMAGINARY_STEP)} | at
+                    found = np.asarray(scalar.formula(changed))
+                    changes[rows, place] = np.imag(found) / IMAGINARY_STEP
+        return changes
 
     def mechanical_answer(self, answer: HeatAnswer) -> Answer:
         """Answer of the contact problem under the heat flows of an answer.
@@ -378,7 +446,7 @@ class HeatModel:
         for array in (found.heat, found.levels, jump):
             array.flags.writeable = False
         return HeatAnswer(
-            point, found.heat, jump, found.converged, found.steps, several, self, found
+            point, found.heat, jump, found.converged, found.steps, several, found, self
         )
 
     def _check_sign(

@@ -114,6 +114,51 @@ def solved(
     return CoupledSolution(forces, slack, flows[:m], flows[m:], steps, converged)
 
 
+class CoupledChanges(NamedTuple):
+    """Derivatives of a coupled problem along parameters at constant unknowns."""
+
+    slack: np.ndarray  #: (m, P)
+    jump: np.ndarray  #: (m, P)
+    supplied: np.ndarray  #: (b, P)
+    conductance: np.ndarray  #: (m, P)
+
+
+def changes_of(
+    contact: CoupledContact, found: CoupledSolution, along: CoupledChanges
+) -> np.ndarray:
+    """Derivatives of heat flows and temperatures of bodies along parameters, (m + b, P).
+
+    By the implicit function theorem, at the statuses of the solution.
+
+    Args:
+        contact: the problem.
+        found: its solution.
+        along: derivatives of the problem.
+    """
+    m = found.forces.size
+    scales = _scales(contact)
+    unknown = np.concatenate(
+        [found.forces / scales.force, found.heat / scales.heat, found.levels / scales.level]
+    )
+    _, jacobian, active = _linearised(contact, scales, unknown)
+    pressed = found.forces / contact.areas
+    opened = np.maximum(found.slack, 0.0)
+    conducted, _, of_gap = contact.conductance(pressed, opened)
+    jump = contact.jump - contact.compliance @ found.heat + contact.levels @ found.levels
+    open_ = ~active & (found.slack > 0)
+    more = along.conductance + np.where(open_, of_gap, 0.0)[:, None] * along.slack
+    flows = contact.areas[:, None] * (more * jump[:, None] + conducted[:, None] * along.jump)
+    right = np.vstack(
+        [
+            np.where(active[:, None], along.slack / scales.slack, 0.0),
+            -flows / scales.heat,
+            -along.supplied / scales.heat,
+        ]
+    )
+    step = np.linalg.solve(jacobian, -right)
+    return np.vstack([step[m : 2 * m] * scales.heat, step[2 * m :] * scales.level])
+
+
 def by_conducting_gaps(
     contact: CoupledContact, forces: np.ndarray, flows: np.ndarray
 ) -> CoupledSolution:

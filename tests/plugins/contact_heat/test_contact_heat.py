@@ -351,6 +351,24 @@ def test_convection():
     assert flow == pytest.approx(-(150.0 - 20.0) / series, rel=1e-10)
 
 
+def test_gradients_are_those_of_differences():
+    """Of outputs of forces, displacements and heat, with a body that contact alone feeds too."""
+    fed = {
+        "conductance": {0: "(1 + T / 100) * p / (p + 0.5) + 0.05 / (g + 0.001)"},
+        "temperatures": [hhr.FixedTemperature(side(FIRST, 1, False), "T / 5")],
+        "supplies": [hhr.HeatSource(SECOND, "2 * T + 1e3 * push")],
+    }
+    for more in ({}, fed):
+        model = hhr.condense_heat(blocks(), heat(**more))
+        point = np.array([0.006, 100.0])
+        gradient = model.outputs(point, gradient=True).gradient
+        for axis, step in enumerate((1e-8, 1e-4)):
+            up, down = (model.outputs(point + sign * step * np.eye(2)[axis]) for sign in (1, -1))
+            for name in ("peak", "corner", "heat 0"):
+                slope = (up[name] - down[name]) / (2 * step)
+                assert gradient[name][axis] == pytest.approx(slope, rel=1e-5), (name, axis)
+
+
 def test_several_points_and_a_start_alone():
     model = rods("3 * p**0.95", 0.0, "T")
     points = [[0.005, 20.0], [0.001, 100.0]]
