@@ -39,6 +39,8 @@ from .plugins.constraints.preload import ForcedSection as ForcedSection
 from .plugins.constraints.preload import Preload as Preload
 from .plugins.constraints.serendipity import Serendipity as Serendipity
 from .plugins.constraints.tie import Tie as Tie
+from .plugins.contact_heat.files import load_heat_model as load_heat_model
+from .plugins.contact_heat.files import save_heat_model as save_heat_model
 from .plugins.contact_heat.heat import Convection as Convection
 from .plugins.contact_heat.heat import FixedTemperature as FixedTemperature
 from .plugins.contact_heat.heat import Heat as Heat

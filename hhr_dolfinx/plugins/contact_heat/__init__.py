@@ -11,5 +11,7 @@ PLUGIN = Plugin(
         f"{_HERE}.heat": "Heat FixedTemperature HeatFlux HeatSource Convection",
         f"{_HERE}.model": "HeatModel HeatAnswer",
         f"{_HERE}.making": "condense_heat",
+        f"{_HERE}.files": "save_heat_model load_heat_model",
     },
+    classes={f"{_HERE}.parts": "Conduction HeatParts"},
 )

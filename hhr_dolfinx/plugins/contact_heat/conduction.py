@@ -19,6 +19,7 @@ from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.forms.elasticity import volume_weight
 from hhr_dolfinx.formulas import Formula, Scalar, formula_of
 from hhr_dolfinx.plugins.contact_heat.heat import Convection, Heat, HeatFlux, HeatSource
+from hhr_dolfinx.plugins.contact_heat.parts import Conduction
 
 if TYPE_CHECKING:
     from ufl.core.expr import Expr
@@ -26,42 +27,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discretisation import Discretisation
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.loads import Load
-
-
-@dataclass(frozen=True, eq=False)
-class Conduction:
-    """Temperatures by supplies, heat flows of contacts and levels of bodies, and what they expand.
-
-    n nodes, m conditions, b bodies that contact alone feeds, t supplies and fixed temperatures.
-    """
-
-    amplitudes: tuple[Scalar, ...]  #: of the supplies and fixed temperatures, (t,)
-    temperatures: np.ndarray  #: per amplitude, (n, t)
-    per_heat: np.ndarray  #: fall of the temperature per heat flow, K_T^-1 B_T^T, (n, m)
-    levels: np.ndarray  #: 1 in each body that contact alone feeds, (n, b)
-    jumps: csr_matrix  #: B_T, temperature of the first surface less that of the second, (m, n)
-    supplied: np.ndarray  #: heat to each body that contact alone feeds, per amplitude, (b, t)
-    expansion: csr_matrix  #: C, nodal forces per temperature, (N, n)
-    at_rest: np.ndarray  #: nodal forces of the reference temperatures, (N,)
-
-    def supplies(self, point: np.ndarray) -> np.ndarray:
-        """Amplitudes of supplies and fixed temperatures, (t,).
-
-        Args:
-            point: parameter of the user, (P,).
-        """
-        return np.array([scalar.value(point) for scalar in self.amplitudes])
-
-    def temperature(self, point: np.ndarray, count: int) -> np.ndarray:
-        """Temperature at the nodes, (n,).
-
-        Args:
-            point: parameter of the user, followed by heat flows and levels, (P + m + b,).
-            count: number of the parameters of the user.
-        """
-        flows, levels = np.split(point[count:], [self.per_heat.shape[1]])
-        still = self.temperatures @ self.supplies(point[:count])
-        return still - self.per_heat @ flows + self.levels @ levels
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +38,11 @@ class HeatSystem:
     loads: np.ndarray  #: heat to each node per amplitude, (n, t)
     lifted: np.ndarray  #: fixed temperatures per amplitude, 0 elsewhere, (n, t)
     fixed: np.ndarray  #: nodes of fixed temperatures
-    levels: np.ndarray  #: see :class:`Conduction`
+    levels: np.ndarray  #: 1 in each body that contact alone feeds, (n, b)
     pins: np.ndarray  #: a node of each body that contact alone feeds, (b,)
-    jumps: csr_matrix  #: see :class:`Conduction`
-    expansion: csr_matrix  #: see :class:`Conduction`
-    at_rest: np.ndarray  #: see :class:`Conduction`
+    jumps: csr_matrix  #: B_T, temperature of the first surface less that of the second, (m, n)
+    expansion: csr_matrix  #: C, nodal forces per temperature, (N, n)
+    at_rest: np.ndarray  #: nodal forces of the reference temperatures, (N,)
 
 
 def heat_system(full: FullOrderModel, heat: Heat, conducts: Sequence[int]) -> HeatSystem:
@@ -131,10 +96,8 @@ def eliminated(system: HeatSystem) -> Conduction:
         temperatures=temperatures,
         per_heat=per_heat,
         levels=system.levels,
-        jumps=system.jumps,
+        jumps=csc_matrix(system.jumps),
         supplied=system.levels.T @ system.loads,
-        expansion=system.expansion,
-        at_rest=system.at_rest,
     )
 
 

@@ -26,9 +26,10 @@ from hhr_dolfinx.formulas import Scalar, box_samples, formula_of
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.loads import Assembler, Term
 from hhr_dolfinx.parameters import ParameterSpace, Tag
-from hhr_dolfinx.plugins.contact_heat.conduction import Conduction, eliminated, heat_system
+from hhr_dolfinx.plugins.contact_heat.conduction import HeatSystem, eliminated, heat_system
 from hhr_dolfinx.plugins.contact_heat.heat import GAP, PRESSURE, Heat
 from hhr_dolfinx.plugins.contact_heat.model import HeatModel
+from hhr_dolfinx.plugins.contact_heat.parts import Conduction, HeatParts
 from hhr_dolfinx.plugins.small_strains.cells import LARGE_STRAIN, spread_strain, strain_kinds
 from hhr_dolfinx.study.condensing import condensed
 from hhr_dolfinx.warn import ignored, warn
@@ -108,14 +109,23 @@ def condense_heat(scene: Scene, heat: Heat) -> HeatModel:
         )
     conducting = _conducting(scene, conductances)
     _warn_of_lost_areas(full, conducting)
-    conduction = eliminated(heat_system(full, heat, conducting))
+    system = heat_system(full, heat, conducting)
+    conduction = eliminated(system)
     shown = ShownTemperature(heat)
-    heated = FullOrderModel(_augmented(scene, conduction, shown), MPI.COMM_SELF)
+    heated = FullOrderModel(_augmented(scene, system, conduction, shown), MPI.COMM_SELF)
     with ignored(SmallStrainWarning):  # heat flows are no parameters of the user
         mechanical = condensed(heated, fields=True)
     mechanical = _with_stress(mechanical, heated, conduction, shown, len(scene.parameters.names))
-    areas = problem.contact_areas.copy()
-    model = HeatModel(scene.parameters, mechanical, conduction, conductances, areas)
+    model = HeatModel(
+        HeatParts(
+            scene.parameters,
+            mechanical,
+            conduction,
+            np.array(sorted(conductances), dtype=np.int64),
+            tuple(conductances[number] for number in sorted(conductances)),
+            problem.contact_areas.copy(),
+        )
+    )
     _check_strains(full, model)
     return model
 
@@ -375,7 +385,9 @@ def _with_stress(
     return model.changed(fields=fields)
 
 
-def _augmented(scene: Scene, conduction: Conduction, shown: ShownTemperature) -> Scene:
+def _augmented(
+    scene: Scene, system: HeatSystem, conduction: Conduction, shown: ShownTemperature
+) -> Scene:
     """The scene whose further parameters are heat flows and levels; supplies are loads."""
     flows = [f"{FLOW}{k}" for k in range(conduction.per_heat.shape[1])]
     levels = [f"{LEVEL}{k}" for k in range(conduction.levels.shape[1])]
@@ -386,9 +398,9 @@ def _augmented(scene: Scene, conduction: Conduction, shown: ShownTemperature) ->
         (*space.lower, *(-UNBOUNDED for _ in added)),
         (*space.upper, *(UNBOUNDED for _ in added)),
     )
-    expansion = conduction.expansion
+    expansion = system.expansion
     columns = np.hstack([-conduction.per_heat, conduction.levels])
-    terms = [Term(Amplitude(1.0), conduction.at_rest)]
+    terms = [Term(Amplitude(1.0), system.at_rest)]
     terms += [
         Term(formula_of(scalar.text, "an amplitude"), expansion @ field)
         for scalar, field in zip(conduction.amplitudes, conduction.temperatures.T, strict=True)

@@ -11,14 +11,10 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
 from hhr_dolfinx.errors import ConvergenceError, HHRError, SceneError, StabilityWarning
-from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.elimination import differentiated
 from hhr_dolfinx.models.functionals.functional import Outputs
-from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.plugins.contact_heat.conduction import Conduction
 from hhr_dolfinx.plugins.contact_heat.heat import GAP, PRESSURE
 from hhr_dolfinx.plugins.contact_heat.newton import (
     CoupledChanges,
@@ -28,6 +24,7 @@ from hhr_dolfinx.plugins.contact_heat.newton import (
     changes_of,
     solved,
 )
+from hhr_dolfinx.plugins.contact_heat.parts import HeatParts
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
@@ -146,6 +143,9 @@ class HeatModel:
 
     Made by :func:`~hhr_dolfinx.plugins.contact_heat.making.condense_heat`.
 
+    Args:
+        parts: its data.
+
     Attributes:
         parameters: the box of the parameters.
         mechanical: condensed model of the scene with heat flows and levels as further parameters.
@@ -154,26 +154,24 @@ class HeatModel:
         pairs: contact of each condition, (m,).
     """
 
-    def __init__(
-        self,
-        parameters: ParameterSpace,
-        mechanical: CondensedModel,
-        conduction: Conduction,
-        conductances: dict[int, Scalar],
-        areas: np.ndarray,
-    ):
-        self.parameters = parameters
-        self.mechanical = mechanical
-        self.conduction = conduction
-        self.conductances = conductances
-        assert mechanical.pairs is not None
-        self.pairs = mechanical.pairs
-        self._areas = areas
+    def __init__(self, parts: HeatParts):
+        self.parts = parts
+        self.parameters = parts.parameters
+        self.mechanical = parts.mechanical
+        self.conduction = parts.conduction
+        numbers = parts.contacts.tolist()
+        self.conductances = dict(zip(numbers, parts.conductances, strict=True))
+        self._areas = parts.areas
+        mechanical = parts.mechanical
+        conduction = parts.conduction
+        self.pairs = np.zeros(len(parts.areas), dtype=np.int64)
+        if mechanical.pairs is not None:
+            self.pairs = mechanical.pairs
         responses = mechanical.eliminated.responses  # type: ignore[attr-defined]
         self._schur = responses.schur
         self._free_slack = responses.free_slack
         self._amplitudes = mechanical.eliminated.amplitudes  # type: ignore[attr-defined]
-        slopes = self._amplitudes.slopes[:, len(parameters.names) :]
+        slopes = self._amplitudes.slopes[:, len(self.parameters.names) :]
         self._per_heat = self._free_slack[:, : len(slopes)] @ slopes
         self._jumps = conduction.jumps @ conduction.temperatures
         self._compliance = conduction.jumps @ conduction.per_heat

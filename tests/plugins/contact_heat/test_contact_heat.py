@@ -1,6 +1,8 @@
 """Heat through contacts: a coupled full model, closed forms, several balances or none."""
 
 import dataclasses
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from scipy.optimize import brentq
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import (
     ConvergenceError,
+    ModelFileError,
     NotOfferedError,
     PairingWarning,
     SceneError,
@@ -369,6 +372,26 @@ def test_gradients_are_those_of_differences():
                 assert gradient[name][axis] == pytest.approx(slope, rel=1e-5), (name, axis)
 
 
+def test_a_file_has_the_answers(tmp_path):
+    model = hhr.condense_heat(blocks(), heat())
+    hhr.save_heat_model(tmp_path / "warm.npz", model)
+    again = hhr.load_heat_model(tmp_path / "warm.npz")
+    point = {"push": 0.006, "T": 150.0}
+    one, other = model.solve(point), again.solve(point)
+    np.testing.assert_array_equal(other.forces(), one.forces())
+    np.testing.assert_array_equal(other.temperature(), one.temperature())
+    assert other.outputs() == one.outputs()
+    with pytest.raises(NotOfferedError, match="mesh"):
+        other.stress()
+    (tmp_path / "warm.npz").write_bytes((tmp_path / "warm.npz").read_bytes()[:-200])
+    with pytest.raises(ModelFileError):
+        hhr.load_heat_model(tmp_path / "warm.npz")
+    with pytest.raises(ModelFileError, match="there is no model file"):
+        hhr.load_heat_model(tmp_path / "cold.npz")
+    with pytest.raises(NotOfferedError, match="no model with heat"):
+        hhr.save_heat_model(tmp_path / "other.npz", model.mechanical)
+
+
 def test_several_points_and_a_start_alone():
     model = rods("3 * p**0.95", 0.0, "T")
     points = [[0.005, 20.0], [0.001, 100.0]]
@@ -439,3 +462,19 @@ def test_scenes_that_heat_is_not_for_are_refused():
     ):
         with pytest.raises(NotOfferedError, match=said):
             hhr.condense_heat(dataclasses.replace(lawful, **changed), heat())
+
+
+def test_a_file_is_read_where_no_mesh_can_be_made(tmp_path):
+    model = rods("3 * p**0.95", 0.0, "T")
+    hhr.save_heat_model(tmp_path / "rods.npz", model)
+    program = (
+        "import sys\n"
+        "lost = ['dolfinx', 'ufl', 'basix', 'petsc4py', 'mpi4py', 'gmsh']\n"
+        "sys.modules.update(dict.fromkeys(lost))\n"
+        "import hhr_dolfinx as hhr\n"
+        "print(hhr.load_heat_model('rods.npz').solve([0.005, 150.0]).heat_through(0).hex())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == model.solve([0.005, 150.0]).heat_through(0).hex()

@@ -1,0 +1,59 @@
+"""Models with heat in files: plain arrays and numbers, with a version and a checksum."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError, NotOfferedError
+from hhr_dolfinx.files import read_arrays, write_arrays
+from hhr_dolfinx.online.model_file import Kinds
+from hhr_dolfinx.plain import as_plain, restored
+from hhr_dolfinx.plugins.contact_heat.model import HeatModel
+from hhr_dolfinx.plugins.contact_heat.parts import HeatParts
+
+FORMAT = "hhr_dolfinx heat model"
+"""Content of a file, in its header."""
+VERSION = 1
+"""Version of this format."""
+
+
+def save_heat_model(path: str | Path, model: HeatModel) -> None:
+    """Write a model with heat as one ``.npz`` file; stress needs the mesh, and stays out.
+
+    Args:
+        path: the file.
+        model: the model.
+
+    Raises:
+        NotOfferedError: for another object.
+        FileError: if the file cannot be written.
+    """
+    if not isinstance(model, HeatModel):
+        raise NotOfferedError(
+            f"a {type(model).__name__} is no model with heat: hhr.save_model keeps other ones"
+        )
+    tree, arrays = as_plain(model.parts, Kinds())
+    write_arrays(path, {"format": FORMAT, "version": VERSION, "model": tree}, arrays)
+
+
+def load_heat_model(path: str | Path) -> HeatModel:
+    """Read a model with heat; needs neither DOLFINx nor PETSc nor MPI.
+
+    Args:
+        path: the file.
+
+    Raises:
+        ModelFileError: if the file is missing, damaged, of another version or no such model.
+    """
+    try:
+        header, arrays = read_arrays(path, FORMAT, VERSION)
+        parts = restored(header["model"], arrays, Kinds())
+        if not isinstance(parts, HeatParts):
+            raise FileContentError(f"a {type(parts).__name__} is no model with heat")
+        return HeatModel(parts)
+    except FileNotFoundError:
+        raise ModelFileError(f"there is no model file {path}") from None
+    except ModelFileError:
+        raise
+    except (HHRError, MemoryError, KeyError, ValueError) as error:
+        raise ModelFileError(f"{path} is damaged or no model with heat ({error})") from error

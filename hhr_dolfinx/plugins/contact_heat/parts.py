@@ -1,0 +1,70 @@
+"""Data of models with heat, as files keep them: neither DOLFINx nor PETSc."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.formulas import Scalar
+from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plain import Rebuilt
+
+
+@dataclass(frozen=True, eq=False)
+class Conduction(Rebuilt):
+    """Temperatures by supplies, heat flows of contacts and levels of bodies.
+
+    n nodes, m conditions, b bodies that contact alone feeds, t supplies and fixed temperatures.
+    """
+
+    has_own_sizes: ClassVar[bool] = True
+
+    amplitudes: tuple[Scalar, ...]  #: of the supplies and fixed temperatures, (t,)
+    temperatures: Annotated[Floats, "n", "t"]  #: per amplitude
+    #: fall of the temperature per heat flow, K_T^-1 B_T^T, (n, m)
+    per_heat: Annotated[Floats, "n", "m"]
+    levels: Annotated[Floats, "n", "b"]  #: 1 in each body that contact alone feeds
+    #: B_T, temperature of the first surface less that of the second, (m, n)
+    jumps: Annotated[csc_matrix, "m", "n"]
+    #: heat to each body that contact alone feeds, per amplitude, (b, t)
+    supplied: Annotated[Floats, "b", "t"]
+
+    def supplies(self, point: np.ndarray) -> np.ndarray:
+        """Amplitudes of supplies and fixed temperatures, (t,).
+
+        Args:
+            point: parameter of the user, (P,).
+        """
+        return np.array([scalar.value(point) for scalar in self.amplitudes])
+
+    def temperature(self, point: np.ndarray, count: int) -> np.ndarray:
+        """Temperature at the nodes, (n,).
+
+        Args:
+            point: parameter of the user, followed by heat flows and levels, (P + m + b,).
+            count: number of the parameters of the user.
+        """
+        flows, levels = np.split(point[count:], [self.per_heat.shape[1]])
+        still = self.temperatures @ self.supplies(point[:count])
+        return still - self.per_heat @ flows + self.levels @ levels
+
+
+@dataclass(frozen=True, eq=False)
+class HeatParts(Rebuilt):
+    """All that a model with heat is made of."""
+
+    has_own_sizes: ClassVar[bool] = True
+
+    parameters: ParameterSpace  #: of the user
+    #: condensed model of the scene with heat flows and levels as further parameters
+    mechanical: CondensedModel
+    conduction: Conduction
+    contacts: Annotated[Integers, "c"]  #: numbers of the contacts with a conductance, (c,)
+    #: their conductances; the last two names are the pressure and the gap
+    conductances: tuple[Scalar, ...]
+    areas: Annotated[Floats, "m"]  #: tributary areas, (m,)
