@@ -357,8 +357,8 @@ def _colours(beside: csr_matrix) -> list[np.ndarray]:
     """Sets of nodes of which none is beside another one of its set, one node after another."""
     colour = np.full(beside.shape[0], -1)
     for node in range(beside.shape[0]):
-        taken = set(colour[beside.indices[beside.indptr[node] : beside.indptr[node + 1]]].tolist())
-        colour[node] = next(k for k in range(len(taken) + 1) if k not in taken)
+        used = set(colour[beside.indices[beside.indptr[node] : beside.indptr[node + 1]]].tolist())
+        colour[node] = next(k for k in range(len(used) + 1) if k not in used)
     return [np.flatnonzero(colour == k) for k in range(colour.max(initial=-1) + 1)]
 
 

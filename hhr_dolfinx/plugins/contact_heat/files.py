@@ -11,9 +11,9 @@ from hhr_dolfinx.plain import as_plain, restored
 from hhr_dolfinx.plugins.contact_heat.model import HeatModel
 from hhr_dolfinx.plugins.contact_heat.parts import HeatParts
 
-FORMAT = "hhr_dolfinx heat model"
+HEAT_FORMAT = "hhr_dolfinx heat model"
 """Content of a file, in its header."""
-VERSION = 1
+HEAT_VERSION = 1
 """Version of this format."""
 
 
@@ -33,7 +33,7 @@ def save_heat_model(path: str | Path, model: HeatModel) -> None:
             f"a {type(model).__name__} is no model with heat: hhr.save_model keeps other ones"
         )
     tree, arrays = as_plain(model.parts, Kinds())
-    write_arrays(path, {"format": FORMAT, "version": VERSION, "model": tree}, arrays)
+    write_arrays(path, {"format": HEAT_FORMAT, "version": HEAT_VERSION, "model": tree}, arrays)
 
 
 def load_heat_model(path: str | Path) -> HeatModel:
@@ -46,7 +46,7 @@ def load_heat_model(path: str | Path) -> HeatModel:
         ModelFileError: if the file is missing, damaged, of another version or no such model.
     """
     try:
-        header, arrays = read_arrays(path, FORMAT, VERSION)
+        header, arrays = read_arrays(path, HEAT_FORMAT, HEAT_VERSION)
         parts = restored(header["model"], arrays, Kinds())
         if not isinstance(parts, HeatParts):
             raise FileContentError(f"a {type(parts).__name__} is no model with heat")

@@ -11,8 +11,8 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import Formula, formula_of
 from hhr_dolfinx.parameters import Tag, check_tag, is_number
 
-PRESSURE = "p"
-GAP = "g"
+PRESSURE_NAME = "p"
+GAP_NAME = "g"
 """Names of the contact pressure and of the gap in formulas of conductances."""
 
 
@@ -145,7 +145,7 @@ class Heat(KnownArguments):
             object.__setattr__(self, name, tuple(items))
             wrong = [item for item in getattr(self, name) if not isinstance(item, kinds)]
             if wrong:
-                raise SceneError(f"{wrong[0]!r} is none of the {name} of heat")
+                raise SceneError(f"{wrong[0]!r} does not belong to the {name} of heat")
         for contact in self.conductance:
             if isinstance(contact, bool) or not isinstance(contact, int):
                 raise SceneError(f"the contact {contact!r} of a conductance must be a whole number")

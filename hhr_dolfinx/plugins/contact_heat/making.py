@@ -27,7 +27,7 @@ from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.loads import Assembler, Term
 from hhr_dolfinx.parameters import ParameterSpace, Tag
 from hhr_dolfinx.plugins.contact_heat.conduction import HeatSystem, eliminated, heat_system
-from hhr_dolfinx.plugins.contact_heat.heat import GAP, PRESSURE, Heat
+from hhr_dolfinx.plugins.contact_heat.heat import GAP_NAME, PRESSURE_NAME, Heat
 from hhr_dolfinx.plugins.contact_heat.model import HeatModel
 from hhr_dolfinx.plugins.contact_heat.parts import Conduction, HeatParts
 from hhr_dolfinx.plugins.small_strains.cells import LARGE_STRAIN, spread_strain, strain_kinds
@@ -41,9 +41,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.scene import Scene
 
-CHECKED_CORNERS = 16
+HEATED_CORNERS = 16
 """Most corners of the box in which strains are checked, as those of other models."""
-SIZES = (0.0, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9)
+TRIED_SIZES = (0.0, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9)
 """Pressures and gaps at which signs of conductances are checked at first."""
 FLOW = "heat_of_condition_"
 LEVEL = "level_of_body_"
@@ -136,13 +136,13 @@ def _check_strains(full: FullOrderModel, model: HeatModel) -> None:
     corners = itertools.product(*zip(space.lower, space.upper, strict=True))
     kinds = strain_kinds(full.problem, axisymmetric=full.scene.hypothesis == "axisymmetric")
     worst = 0.0
-    for corner in itertools.islice(corners, CHECKED_CORNERS):
+    for corner in itertools.islice(corners, HEATED_CORNERS):
         answer = model.solve(corner, both=False, raise_on_failure=False)
         if not answer.converged:
             continue
-        moved = answer.displacement()[:, None]
+        displacement = answer.displacement()[:, None]
         for kind in kinds:
-            size = spread_strain(kind.sizes(moved)[:, 0])
+            size = spread_strain(kind.sizes(displacement)[:, 0])
             if size > max(worst, LARGE_STRAIN):
                 worst = size
                 words = f"at {space.described(answer.parameter)}: {kind.in_words(size)}"
@@ -176,12 +176,12 @@ def _check(scene: Scene) -> None:
                 f"{fault} in scene '{scene.name}': heat through contacts is for elastic bodies of "
                 "constant moduli and shape with unilateral contact"
             )
-    taken = [name for name in scene.parameters.names if name.startswith((FLOW, LEVEL))]
-    if taken:
-        raise SceneError(f"a parameter is named {taken[0]!r}, as heat flows are: rename it")
+    reserved = [name for name in scene.parameters.names if name.startswith((FLOW, LEVEL))]
+    if reserved:
+        raise SceneError(f"a parameter is named {reserved[0]!r}, as heat flows are: rename it")
     flows = {f"heat {k}" for k in range(len(scene.contacts))}
-    if taken := [output.name for output in scene.outputs if output.name in flows]:
-        raise SceneError(f"an output is named {taken[0]!r}, as heat flows are: rename it")
+    if reserved := [output.name for output in scene.outputs if output.name in flows]:
+        raise SceneError(f"an output is named {reserved[0]!r}, as heat flows are: rename it")
 
 
 def _check_amplitudes(scene: Scene, heat: Heat) -> None:
@@ -218,7 +218,7 @@ def _warn_of_lost_areas(full: FullOrderModel, conducting: Sequence[int]) -> None
 def _conducting(scene: Scene, conductances: dict[int, Scalar]) -> list[int]:
     """Contacts that conduct at some pressure or gap."""
     points = box_samples(scene.parameters)
-    ends = [(p, 0.0) for p in SIZES] + [(0.0, g) for g in SIZES]
+    ends = [(p, 0.0) for p in TRIED_SIZES] + [(0.0, g) for g in TRIED_SIZES]
     return [
         number
         for number, scalar in conductances.items()
@@ -236,10 +236,10 @@ def _conductances(scene: Scene, heat: Heat) -> dict[int, Scalar]:
         SceneError: for an unknown contact or name, or a conductance that is negative somewhere.
     """
     names = scene.parameters.names
-    if taken := {PRESSURE, GAP} & set(names):
+    if reserved := {PRESSURE_NAME, GAP_NAME} & set(names):
         raise SceneError(
-            f"a parameter is named {sorted(taken)[0]!r}, which conductances take for the "
-            f"{'pressure' if PRESSURE in taken else 'gap'}: rename it"
+            f"a parameter is named {sorted(reserved)[0]!r}, which conductances take for the "
+            f"{'pressure' if PRESSURE_NAME in reserved else 'gap'}: rename it"
         )
     conductances = {}
     for number, value in heat.conductance.items():
@@ -254,7 +254,7 @@ def _conductances(scene: Scene, heat: Heat) -> dict[int, Scalar]:
                 "its conductance, it lets no heat through"
             )
         text = formula_of(value, f"the conductance of contact {number}").text
-        scalar = Scalar(text, (*names, PRESSURE, GAP))
+        scalar = Scalar(text, (*names, PRESSURE_NAME, GAP_NAME))
         _check_sign(scalar, scene.parameters, number)
         conductances[number] = scalar
     return conductances
@@ -263,7 +263,7 @@ def _conductances(scene: Scene, heat: Heat) -> dict[int, Scalar]:
 def _check_sign(scalar: Scalar, space: ParameterSpace, number: int) -> None:
     """Refuse a conductance that is negative or not a number, where contact presses or is open."""
     points = box_samples(space)
-    states = [(size, 0.0) for size in SIZES] + [(0.0, size) for size in SIZES]
+    states = [(size, 0.0) for size in TRIED_SIZES] + [(0.0, size) for size in TRIED_SIZES]
     for pressure, gap in states:
         ends = np.tile([pressure, gap], (len(points), 1))
         try:
@@ -299,7 +299,7 @@ class ShownTemperature:
         """Show temperatures at the nodes, (n,), in a block of one thread at a time.
 
         Args:
-            discretisation: functions on the mesh whose stresses are asked for.
+            discretisation: functions on the mesh whose stresses are requested.
             temperature: of the nodes, (n,).
         """
         with self._lock:

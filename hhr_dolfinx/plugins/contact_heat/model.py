@@ -15,7 +15,7 @@ from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.elimination import differentiated
 from hhr_dolfinx.models.functionals.functional import Outputs
-from hhr_dolfinx.plugins.contact_heat.heat import GAP, PRESSURE
+from hhr_dolfinx.plugins.contact_heat.heat import GAP_NAME, PRESSURE_NAME
 from hhr_dolfinx.plugins.contact_heat.newton import (
     CoupledChanges,
     CoupledContact,
@@ -30,7 +30,7 @@ from hhr_dolfinx.warn import warn
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-IMAGINARY_STEP = 1e-30
+CONDUCTANCE_STEP = 1e-30
 """Step of the complex derivatives of conductances: they are exact to round-off."""
 ALIKE_ANSWERS = 1e-8
 """Difference over the size of forces or heat flows up to which two answers are the same: that of
@@ -201,7 +201,7 @@ class HeatModel:
             point: parameter, (P,), or values by name.
 
         Raises:
-            ParameterError: for a point that is none of the box.
+            ParameterError: for a point outside the box.
         """
         checked = self.parameters.point(point)
         contact = self._coupled(checked)
@@ -216,11 +216,11 @@ class HeatModel:
         Args:
             point: parameter, (P,), or values by name.
             both: look for another balance too, from closed contacts, and warn of it: twice the
-                time. Without, that start is taken only where the first one finds none.
+                time. Without, that start is tried only where the first one finds none.
             raise_on_failure: raise where no balance is found, or return NaN.
 
         Raises:
-            ParameterError: for a point that is none of the box.
+            ParameterError: for a point outside the box.
             ConvergenceError: where neither start ends in a balance, as heat may have none.
 
         Warns:
@@ -339,13 +339,13 @@ class HeatModel:
         changes = np.zeros((pressures.size, point.size))
         for contact, scalar in self.conductances.items():
             rows = self.pairs == contact
-            at = {PRESSURE: pressures[rows], GAP: gaps[rows]}
+            at = {PRESSURE_NAME: pressures[rows], GAP_NAME: gaps[rows]}
             values = dict(zip(self.parameters.names, point.tolist(), strict=True))
             for place, name in enumerate(self.parameters.names):
                 if name in scalar.formula.variables:
-                    changed = values | {name: complex(values[name], IMAGINARY_STEP)} | at
+                    changed = values | {name: complex(values[name], CONDUCTANCE_STEP)} | at
                     found = np.asarray(scalar.formula(changed))
-                    changes[rows, place] = np.imag(found) / IMAGINARY_STEP
+                    changes[rows, place] = np.imag(found) / CONDUCTANCE_STEP
         return changes
 
     def mechanical_answer(self, answer: HeatAnswer) -> Answer:
@@ -386,17 +386,17 @@ class HeatModel:
         for contact, scalar in self.conductances.items():
             rows = self.pairs == contact
             values = dict(zip(self.parameters.names, point.tolist(), strict=True))
-            at = {PRESSURE: pressures[rows], GAP: gaps[rows]}
-            for place, name in enumerate((PRESSURE, GAP), start=1):
-                complex_ = {**at, name: at[name] + 1j * IMAGINARY_STEP}
+            at = {PRESSURE_NAME: pressures[rows], GAP_NAME: gaps[rows]}
+            for place, name in enumerate((PRESSURE_NAME, GAP_NAME), start=1):
+                complex_ = {**at, name: at[name] + 1j * CONDUCTANCE_STEP}
                 changed = np.asarray(scalar.formula(values | complex_))
-                found[place, rows] = np.imag(changed) / IMAGINARY_STEP
+                found[place, rows] = np.imag(changed) / CONDUCTANCE_STEP
             found[0, rows] = np.real(np.asarray(scalar.formula(values | at)))
         return found[0], found[1], found[2]
 
     def _found(self, contact: CoupledContact, both: bool = True) -> list[CoupledSolution]:
         """Solutions from contact without heat, and from closed contacts that conduct perfectly: if
-        both are wanted, or the first is none. If neither is one, that by gaps that conduct, less
+        both are wanted, or the first fails. If neither converges, that by gaps that conduct, less
         and less.
         """
         forces = self._without_heat(contact.slack)

@@ -12,9 +12,9 @@ Conductance = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, n
 """Maps pressures and gaps, (m,) each, to conductances and their derivatives along both."""
 STEPS = 60
 """Most steps; a solution takes five to ten where the conductance is smooth."""
-SETTLED = 1e-12
+BALANCED_STEP = 1e-12
 """Step over the size of the unknown at which a solution is accepted: its error is the square."""
-STALLED = 1e-8
+STALLED_STEP = 1e-8
 """Step at which one is accepted that is not half of the one before: round-off of soft springs."""
 GAP_CONDUCTANCES = 10.0 ** -np.arange(0.0, 13.0)
 """Parts of the largest conductance that gaps get, one after another, where no start ends."""
@@ -40,7 +40,7 @@ class CoupledContact(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CoupledSolution:
-    """What satisfies contact and heat together; NaN if no solution is found."""
+    """Solution of contact and heat together; NaN without one."""
 
     forces: np.ndarray  #: (m,)
     slack: np.ndarray  #: (m,)
@@ -99,7 +99,7 @@ def solved(
                 contact, scales, unknown, step, residual, falling
             )
             size = np.abs(step).max() / max(np.abs(unknown).max(), 1e-300)
-            settled = size <= SETTLED or (size <= STALLED and size > last / 2)
+            settled = size <= BALANCED_STEP or (size <= STALLED_STEP and size > last / 2)
             if settled and np.array_equal(before, active):
                 break
         else:

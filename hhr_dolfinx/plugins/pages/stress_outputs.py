@@ -71,7 +71,7 @@ def stress_tree(
 
 
 def _numbers(model: Any, item: Mises) -> int:
-    """How many numbers the output takes; a deviator has one less than a stress."""
+    """Count of the numbers of the output; a deviator has one less than a stress."""
     columns = model.conditions + model.fields.per_term.shape[1]
     if isinstance(item, StressValue):
         return columns * item.count // item.grading.size

@@ -67,7 +67,7 @@ class SoftContact(PairLaw):
         if self._has("exponential"):
             self._check_exponential()
         if is_number(self._factor) and self._factor <= 0:
-            raise SceneError(f"{_POSITIVE}, and {self._factor!r} is none")
+            raise SceneError(f"{_POSITIVE} in place of {self._factor!r}")
         if self._has("table"):
             self._check_table()
         elif self.scale != 1.0:

@@ -52,4 +52,4 @@ class WearKernel:
         return ()
 
 
-KERNEL = WearKernel()
+WEAR_KERNEL = WearKernel()

@@ -413,7 +413,7 @@ def test_several_points_and_a_start_alone():
         ({"conductance": {0: "p * heat"}}, "heat"),
         ({"expansion": {9: 1e-5}}, "heat names a body 9"),
         ({"temperatures": [hhr.FixedTemperature(99, 1.0)]}, "99"),
-        ({"temperatures": [3.0]}, "none of the temperatures"),
+        ({"temperatures": [3.0]}, "does not belong to the temperatures"),
         ({"temperatures": 3.0}, "must be a sequence"),
         ({"conductance": 3.0}, "must be a mapping"),
         ({"conductance": {False: 1.0}}, "must be a whole number"),
