@@ -244,7 +244,11 @@ class _Assembly:
         return stiffness, columns, amplitudes
 
     def expansion(self) -> tuple[csr_matrix, np.ndarray]:
-        """Nodal forces per temperature, (N, n), and those of the reference temperatures, (N,)."""
+        """Nodal forces per temperature, (N, n), and those of the reference temperatures, (N,).
+
+        Raises:
+            SceneError: for a body whose moduli depend on parameters, or an unknown one.
+        """
         discretisation = self._discretisation
         field = fem.Function(self._space)
         unit = ufl.Identity(3)
