@@ -13,6 +13,7 @@ REFUSED = {
     "plugins/foreign/parts.py:_labelled": "coupled_force+foreign foreign+periodic",
     "plugins/foreign/stiffness.py:__call__": "foreign+sliding",
     "plugins/sliding/slide.py:_check_output": "contact_area+sliding",
+    "plugins/contact_laws/interface.py:check_areas": "double_pass+soft_contact double_pass+wear",
     "plugins/shapes/reshaped.py:_check_areas": "own_contact_law+shape",
     "plugins/constraints/couplings.py:equations": "axisymmetric+rigid_motion",
     "plugins/constraints/elimination.py:_check_kept": "directed+preload",
@@ -93,6 +94,10 @@ REASONS: dict[str, dict[str, str]] = {
         "plugins/foreign/stiffness.py:__call__": (
             "Where surfaces slide, they are paired again from the cells of a mesh, and K of "
             "another code has none."
+        ),
+        "plugins/contact_laws/interface.py:check_areas": (
+            "Both passes have areas, which overlap: a law of pressures divides forces by areas, "
+            "and those of a condition are no part of the surface of its own."
         ),
         "plugins/sliding/slide.py:_check_output": (
             "Not built in: areas of nodes are those of one pairing, and where surfaces slide it "

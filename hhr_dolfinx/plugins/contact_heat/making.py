@@ -166,7 +166,7 @@ def _check(scene: Scene) -> None:
         "moduli depend on parameters": any(
             isinstance(value, str) for body in scene.bodies for value in (body.young, body.poisson)
         ),
-        "outputs read stress or energy, which answer.stress() has": any(
+        "outputs read stress or energy (answer.stress() has the stress)": any(
             type(output).__name__ in OF_STRESS for output in scene.outputs
         ),
     }

@@ -22,6 +22,7 @@ from hhr_dolfinx.plugins.contact_heat.newton import (
     CoupledSolution,
     by_conducting_gaps,
     changes_of,
+    scales_of,
     solved,
 )
 from hhr_dolfinx.plugins.contact_heat.parts import HeatParts
@@ -30,6 +31,8 @@ from hhr_dolfinx.warn import warn
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+LEAST_SIZE = 1e-3
+"""Part of the sizes of a problem below which heat flows and forces count as none of their own."""
 CONDUCTANCE_STEP = 1e-30
 """Step of the complex derivatives of conductances: they are exact to round-off."""
 ALIKE_ANSWERS = 1e-8
@@ -206,7 +209,7 @@ class HeatModel:
         checked = self.parameters.point(point)
         contact = self._coupled(checked)
         found = [one for one in self._found(contact) if one.converged]
-        if len(found) > 1 and _alike(*found[:2]):
+        if len(found) > 1 and _alike(contact, *found[:2]):
             del found[1]
         return [self._answer(checked, contact, one, several=len(found) > 1) for one in found]
 
@@ -239,7 +242,7 @@ class HeatModel:
                     "Give the gap a conductance too, or a smoother one"
                 )
             return self._answer(checked, contact, found[0], several=False)
-        several = both and len(balanced) > 1 and not _alike(*balanced[:2])
+        several = both and len(balanced) > 1 and not _alike(contact, *balanced[:2])
         if several:
             warn(
                 f"at {self.parameters.described(checked)} contact and heat have several balances: "
@@ -466,14 +469,15 @@ class HeatModel:
             )
 
 
-def _alike(first: CoupledSolution, second: CoupledSolution) -> bool:
-    """True for two solutions that differ by round-off."""
-    pairs = (
-        (first.forces, second.forces),
-        (first.heat, second.heat),
-        (first.levels, second.levels),
-    )
+def _alike(contact: CoupledContact, first: CoupledSolution, second: CoupledSolution) -> bool:
+    """True for two solutions that differ by round-off of the sizes of the problem."""
+    sizes = scales_of(contact)
     return all(
-        np.abs(one - other).max(initial=0.0) <= ALIKE_ANSWERS * np.abs(one).max(initial=0.0)
-        for one, other in pairs
+        np.abs(one - other).max(initial=0.0)
+        <= ALIKE_ANSWERS * max(np.abs(one).max(initial=0.0), LEAST_SIZE * size)
+        for one, other, size in (
+            (first.forces, second.forces, sizes.force),
+            (first.heat, second.heat, sizes.heat),
+            (first.levels, second.levels, sizes.level),
+        )
     )

@@ -50,7 +50,7 @@ class CoupledSolution:
     converged: bool
 
 
-class _Scales(NamedTuple):
+class Scales(NamedTuple):
     """Sizes of slack, forces, heat flows and temperatures, so that a matrix has entries of one
     size.
     """
@@ -76,7 +76,7 @@ def solved(
         falling: shorten steps until the residual falls: slower, and where full ones go to and fro.
     """
     m = forces.size
-    scales = _scales(contact)
+    scales = scales_of(contact)
     unknown = np.concatenate(
         [forces / scales.force, flows[:m] / scales.heat, flows[m:] / scales.level]
     )
@@ -136,7 +136,7 @@ def changes_of(
         along: derivatives of the problem.
     """
     m = found.forces.size
-    scales = _scales(contact)
+    scales = scales_of(contact)
     unknown = np.concatenate(
         [found.forces / scales.force, found.heat / scales.heat, found.levels / scales.level]
     )
@@ -199,7 +199,12 @@ def _with_gas(conductance: Conductance, added: float) -> Conductance:
     return more
 
 
-def _scales(contact: CoupledContact) -> _Scales:
+def scales_of(contact: CoupledContact) -> Scales:
+    """Sizes of the unknowns of a problem.
+
+    Args:
+        contact: the problem.
+    """
     slack = max(float(np.abs(contact.slack).max(initial=0.0)), 1e-300)
     force = slack / max(float(np.diag(contact.schur).mean()), 1e-300)
     pressed = force / contact.areas
@@ -207,12 +212,12 @@ def _scales(contact: CoupledContact) -> _Scales:
     conducted = max(float(np.nan_to_num(flows, posinf=0.0).max(initial=0.0)), 1e-300)
     supplied = float(np.abs(contact.supplied).max(initial=0.0))
     level = max(float(np.abs(contact.jump).max(initial=0.0)), supplied / conducted, 1e-300)
-    return _Scales(slack, force, max(conducted * level, supplied, 1e-300), level)
+    return Scales(slack, force, max(conducted * level, supplied, 1e-300), level)
 
 
 def _moved(
     contact: CoupledContact,
-    scales: _Scales,
+    scales: Scales,
     unknown: np.ndarray,
     step: np.ndarray,
     residual: np.ndarray,
@@ -232,7 +237,7 @@ def _moved(
 
 
 def _linearised(
-    contact: CoupledContact, scales: _Scales, unknown: np.ndarray
+    contact: CoupledContact, scales: Scales, unknown: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Residual, (2 m + b,), its derivatives, and closed contacts, (m,) bool."""
     m = contact.slack.size

@@ -4,7 +4,7 @@ conditions.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
@@ -218,6 +218,24 @@ class Interface(ContactLaw, Rebuilt):
             of_range = {name: arrays[name] for name in law_range.law.layout}
             memory = memory | law_range.law.restored(of_range)
         return memory
+
+
+def check_areas(scene: Scene, laws: Iterable[int]) -> None:
+    """Refuse laws of pressures on pairings both ways, whose tributary areas overlap.
+
+    Args:
+        scene: the scene.
+        laws: numbers of the contacts with such a law.
+
+    Raises:
+        SceneError: for a pairing both ways.
+    """
+    for contact in laws:
+        if getattr(scene.contacts[contact], "both_ways", False):
+            raise SceneError(
+                f"contact {contact} of scene '{scene.name}' goes both ways, and areas of its "
+                "conditions overlap, by which its law divides: take hhr.Mortar or hhr.NodeToSurface"
+            )
 
 
 def ranged(law: ContactLaw, count: int) -> Interface:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from scipy import linalg
@@ -42,6 +43,8 @@ class DoublePass:
         law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None
             without.
     """
+
+    both_ways: ClassVar[bool] = True
 
     first: Tag
     second: Tag

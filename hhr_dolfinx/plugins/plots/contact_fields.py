@@ -84,7 +84,12 @@ def gaps(answer: Answer, full: Meshed | None = None) -> np.ndarray:
         )
     values = np.full(rows.shape[0], np.nan)
     pressing = mesh.pressing
-    values[pressing] = (undeformed - rows @ field)[pressing]
+    gap = undeformed - rows @ field
+    if is_full(meshed):
+        opened = np.asarray(meshed.problem.law.opened(answer.memory) if answer.memory else 0.0)
+        if np.ndim(opened) == 0 or opened.shape == gap.shape:  # of a RID part of it is not known
+            gap = gap + opened
+    values[pressing] = gap[pressing]
     return values
 
 

@@ -12,6 +12,7 @@ from hhr_dolfinx.contact.law import MeshArrays, PairLaw
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import Scalar, check_over_box, formula_of
 from hhr_dolfinx.parameters import is_number
+from hhr_dolfinx.plugins.contact_laws.interface import check_areas
 from hhr_dolfinx.plugins.soft_contact.curves import (
     ExponentialCurve,
     LinearCurve,
@@ -166,6 +167,7 @@ class SoftContact(PairLaw):
         mesh: MeshArrays,
     ) -> tuple[ContactRows, np.ndarray, SoftContacts]:
         """See :class:`~hhr_dolfinx.contact.law.PairLaw`: no further rows."""
+        check_areas(scene, laws)
         places = list(laws)
         number = np.array([places.index(k) if k in laws else 0 for k in pairs], dtype=np.int64)
         curves: Any = tuple(law.curve(scene.parameters, f"contact {k}") for k, law in laws.items())

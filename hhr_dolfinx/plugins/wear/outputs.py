@@ -59,7 +59,7 @@ class WornDepth(OfContact):
         if not isinstance(law, WornConditions) or not np.isin(conditions, law.rows).all():
             raise SceneError(
                 f"output '{self.name}': contact {self.contact} does not wear: give its pair "
-                "law=hhr.ArchardWear(constant)"
+                "law=hhr.ArchardWear(constant, speed)"
             )
         areas = probe.problem.contact_areas[conditions]
         areas = areas * probe.problem.shares_of(self.contact)[conditions]

@@ -11,6 +11,7 @@ import numpy as np
 from hhr_dolfinx.contact.law import MeshArrays, PairLaw
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import is_number
+from hhr_dolfinx.plugins.contact_laws.interface import check_areas
 from hhr_dolfinx.plugins.wear.laws import WornConditions
 
 if TYPE_CHECKING:
@@ -48,6 +49,8 @@ class ArchardWear(PairLaw):
                 raise SceneError(
                     f"the {name} {value!r} of wear must be a number that is not negative"
                 )
+        if not np.isfinite(self.constant * self.speed):
+            raise SceneError(f"constant {self.constant!r} times speed {self.speed!r} is too large")
 
     @property
     def words(self) -> str:
@@ -56,6 +59,13 @@ class ArchardWear(PairLaw):
 
     def check(self, scene: Any, what: str) -> None:
         """See :class:`~hhr_dolfinx.contact.law.PairLaw`."""
+        own = [k for k, law in enumerate(scene.laws) if law is self]
+        for output in scene.outputs:
+            if type(output).__name__ == "GapAt" and output.contact in own:
+                raise SceneError(
+                    f"output '{output.name}' reads the gap of {what} without what is worn: leave "
+                    "it out, answer.gaps() has both"
+                )
 
     @classmethod
     def attached(
@@ -69,6 +79,7 @@ class ArchardWear(PairLaw):
         mesh: MeshArrays,
     ) -> tuple[ContactRows, np.ndarray, WornConditions]:
         """See :class:`~hhr_dolfinx.contact.law.PairLaw`: no further rows."""
+        check_areas(scene, laws)
         rates = np.zeros(len(scene.contacts))
         for contact, law in laws.items():
             rates[contact] = law.constant * law.speed

@@ -372,6 +372,14 @@ def test_gradients_are_those_of_differences():
                 assert gradient[name][axis] == pytest.approx(slope, rel=1e-5), (name, axis)
 
 
+def test_heat_of_round_off_is_one_balance():
+    """A body that contact alone feeds and nothing supplies is as warm as the other one."""
+    fixed = [hhr.FixedTemperature(side(FIRST, 1, False), 293.0)]
+    answer = rods("3 * p", 0.0, 0.0, temperatures=fixed).solve([0.005, 100.0])
+    assert not answer.several and abs(answer.heat_through(0)) < 1e-9
+    np.testing.assert_allclose(answer.temperature(), 293.0, rtol=1e-9)
+
+
 def test_a_file_has_the_answers(tmp_path):
     model = hhr.condense_heat(blocks(), heat())
     hhr.save_heat_model(tmp_path / "warm.npz", model)

@@ -192,7 +192,7 @@ def test_motions_that_nothing_determines_are_least_and_warned_of():
     assert answer.undetermined.shape[1] == expected.undetermined.shape[1]
 
 
-@needs("nodal_loads")
+@needs("nodal_loads", "contact_laws")
 def test_a_loose_block_wears_a_floor(monkeypatch):
     """The template of a law that solves for no motions by itself does by its range: depth =
     constant p t, by hand.

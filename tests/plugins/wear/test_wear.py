@@ -123,6 +123,29 @@ def test_beside_friction_on_another_pair():
         hhr.FullOrderModel(wrong)
 
 
+def test_gaps_have_what_is_worn():
+    """0 where worn surfaces press; open by the depth and the way back when they are drawn apart."""
+    full = hhr.FullOrderModel(blocks(load=False))
+    pressed, back = full.march([(0.0, (0.0,)), (100.0, (0.02,)), (100.1, (0.0,))]).answers
+    closed = pressed.forces() > 0
+    np.testing.assert_allclose(pressed.gaps()[closed], 0.0, atol=1e-12)
+    assert back.gaps().min() > -1e-12 and back.gaps().max() > pressed.outputs()["depth"] / 2
+    with pytest.raises(SceneError, match="without what is worn"):
+        hhr.FullOrderModel(
+            dataclasses.replace(blocks(load=False), outputs=(hhr.GapAt("gap", 0, (0.5, 1.0)),))
+        )
+
+
+@needs("nonmatching")
+@pytest.mark.filterwarnings("ignore")  # of the pairing
+def test_a_pairing_both_ways_is_refused():
+    faces = side(FIRST, 1, True), side(SECOND, 1, False)
+    for law in (hhr.ArchardWear(RATE), hhr.SoftContact(stiffness=10.0)):
+        both = (hhr.DoublePass(*faces, law=law),)
+        with pytest.raises(SceneError, match="goes both ways, and areas"):
+            hhr.FullOrderModel(dataclasses.replace(blocks(), contacts=both, outputs=()))
+
+
 @needs("conformance")
 def test_it_keeps_the_contract():
     check_contact_law(hhr.ArchardWear(constant=0.05))
