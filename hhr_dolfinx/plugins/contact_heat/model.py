@@ -15,6 +15,7 @@ from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.elimination import differentiated
 from hhr_dolfinx.models.functionals.functional import Outputs
+from hhr_dolfinx.plugins.contact_heat.by_sets import SetResponses, solved_by_sets
 from hhr_dolfinx.plugins.contact_heat.heat import GAP_NAME, PRESSURE_NAME
 from hhr_dolfinx.plugins.contact_heat.newton import (
     CoupledChanges,
@@ -179,6 +180,7 @@ class HeatModel:
         self._jumps = conduction.jumps @ conduction.temperatures
         self._compliance = conduction.jumps @ conduction.per_heat
         self._levels = conduction.jumps @ conduction.levels
+        self._responses = SetResponses(self._schur, self._per_heat)
 
     def __repr__(self) -> str:
         return (
@@ -278,7 +280,7 @@ class HeatModel:
             if answers and answers[-1].converged:
                 before = answers[-1]
                 flows = np.concatenate([before.heat, before.levels])
-                found = solved(contact, before.forces(), flows)
+                found = self._from(contact, before.forces(), flows)
                 if found.converged:
                     answers.append(self._answer(point, contact, found, several=False))
                     continue
@@ -404,16 +406,23 @@ class HeatModel:
         """
         forces = self._without_heat(contact.slack)
         nothing = np.zeros(self._per_heat.shape[1])
-        found = [solved(contact, forces, nothing)]
+        found = [self._from(contact, forces, nothing)]
         if found[0].converged and not both:
             return found
         flows = self._perfect @ np.concatenate([contact.jump, contact.supplied])
         closed = np.linalg.solve(self._schur, -contact.slack - self._per_heat @ flows)
         pressed = np.maximum(closed, 0.1 * np.abs(closed).max(initial=0.0))
-        found.append(solved(contact, pressed, flows))
+        found.append(self._from(contact, pressed, flows))
         if not any(one.converged for one in found):
             found.append(by_conducting_gaps(contact, forces, nothing))
         return found
+
+    def _from(
+        self, contact: CoupledContact, forces: np.ndarray, flows: np.ndarray
+    ) -> CoupledSolution:
+        """Solution from forces and flows: with forces eliminated, or coupled where that fails."""
+        found = solved_by_sets(contact, self._responses, forces > 0, flows)
+        return solved(contact, forces, flows) if found is None else found
 
     def _without_heat(self, slack: np.ndarray) -> np.ndarray:
         """Forces of contact alone, at the temperatures without heat flows, (m,)."""

@@ -58,7 +58,11 @@ class ArchardWear(PairLaw):
         return f"wear, {self.constant * self.speed:g} per pressure and second"
 
     def check(self, scene: Any, what: str) -> None:
-        """See :class:`~hhr_dolfinx.contact.law.PairLaw`."""
+        """See :class:`~hhr_dolfinx.contact.law.PairLaw`.
+
+        Raises:
+            SceneError: for an output that reads the gap of the pair by displacements alone.
+        """
         own = [k for k, law in enumerate(scene.laws) if law is self]
         for output in scene.outputs:
             if type(output).__name__ == "GapAt" and output.contact in own:

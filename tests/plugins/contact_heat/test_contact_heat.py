@@ -21,6 +21,7 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
+from hhr_dolfinx.plugins.contact_heat import model as heat_model
 
 
 @pytest.mark.filterwarnings("ignore:parameters")  # of the mesh alone, without heat
@@ -370,6 +371,20 @@ def test_gradients_are_those_of_differences():
             for name in ("peak", "corner", "heat 0"):
                 slope = (up[name] - down[name]) / (2 * step)
                 assert gradient[name][axis] == pytest.approx(slope, rel=1e-5), (name, axis)
+
+
+def test_both_methods_end_in_the_same_balances(monkeypatch):
+    """Forces eliminated for a set of closed contacts, and forces and flows together."""
+    model = hhr.condense_heat(blocks(), heat())
+    points = model.parameters.random(20, 1)
+    fast = model.solve_many(points, both=False)
+    monkeypatch.setattr(heat_model, "solved_by_sets", lambda *_: None)
+    for one, other in zip(fast, model.solve_many(points, both=False), strict=True):
+        size = one.forces().max()
+        np.testing.assert_allclose(other.forces(), one.forces(), rtol=0, atol=1e-10 * size)
+        size = np.abs(one.heat).max()
+        np.testing.assert_allclose(other.heat, one.heat, rtol=0, atol=1e-10 * size)
+    assert len({tuple(answer.forces() > 0) for answer in fast}) >= 2
 
 
 def test_heat_of_round_off_is_one_balance():
