@@ -233,7 +233,7 @@ class Case:
     def _trained(self) -> Any:
         if self.draft.full is not None:
             raise NotOfferedError("a training is of usual full models: this one is made otherwise")
-        if not self.remembers:
+        if not (self.remembers or self.scene.remembers):  # laws are trained on paths in any case
             return hhr.train(self.scene, hhr.Sobol(24), held_out=6, comm=MPI.COMM_SELF)
         constant = any(not isinstance(one.values, tuple) for one in self.draft.varied)
         ways = [(1.06, 0.25), (0.75, 0.8), (0.9, 0.5)]
