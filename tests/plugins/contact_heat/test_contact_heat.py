@@ -3,6 +3,7 @@
 import dataclasses
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -385,6 +386,20 @@ def test_both_methods_end_in_the_same_balances(monkeypatch):
         size = np.abs(one.heat).max()
         np.testing.assert_allclose(other.heat, one.heat, rtol=0, atol=1e-10 * size)
     assert len({tuple(answer.forces() > 0) for answer in fast}) >= 2
+
+
+@needs("plots")
+@pytest.mark.filterwarnings("ignore:a figure")
+def test_the_example_of_the_page_runs_and_has_its_numbers(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[3] / "docs/heat.md").read_text("utf-8")
+    program = page.partition("```python\n")[2].partition("```")[0]
+    variables = {}
+    exec(compile(program, "heat.md", "exec"), variables)
+    outputs = variables["answer"].outputs()
+    assert f"peak {outputs['peak']:.1f} MPa" in program
+    assert f"second: {outputs['heat 0']:.0f} mW/mm" in program
+    assert (tmp_path / "warm.npz").is_file() and (tmp_path / "warm.png").is_file()
 
 
 def test_heat_of_round_off_is_one_balance():
