@@ -214,7 +214,6 @@ def test_models_of_ranks_are_those_of_one(found, ranks, name):
     """
     for kind in KINDS:
         one, several = found[1][f"{name} {kind}"], found[ranks][f"{name} {kind}"]
-        # 1.01e-3 seen on three ranks, whose sums have another order each time
         assert several == pytest.approx(one, rel=1e-8), kind
 
 
@@ -232,6 +231,7 @@ def test_bounds_of_ranks_hold(found, ranks):
         one, several = (found[count][f"bounds {name}"] for count in (1, ranks))
         assert min(found[ranks][f"over {name}"]) >= 0.0, name
         least = 1e-9 if name == "contact alone holds" else 1e-11
+        # 1.01e-3 seen on three ranks, whose sums have another order each time
         assert several == pytest.approx(
             one, rel=3e-3, abs=least * max(found[1][f"{name} usual"])
         ), name
