@@ -41,6 +41,7 @@ NEEDING = {
     "core/test_fuel_rod.py": ("volume_loads",),
     "plugins/baselines/test_naive.py": ("elasticity",),
     "plugins/local_models/test_subspaces.py": ("theorems",),
+    "plugins/contact_heat/test_heated_rod.py": ("studies",),
     "core/test_outputs.py": ("stress", "elasticity"),
     "plugins/exact_errors/test_fitted_forces.py": ("paths", "contact_laws"),
     "plugins/exact_errors/test_output_bounds.py": ("stress",),

@@ -5,11 +5,8 @@ import math
 
 import heat_through_contacts as benchmark
 import pytest
-from needs import needs
 
 import hhr_dolfinx as hhr
-
-pytestmark = needs("studies")
 
 MESH = {"radial_cells": 24, "axial_cells": 4, "cladding_radial_cells": 4}
 RADIUS, THICKNESS = 4.1, 0.57

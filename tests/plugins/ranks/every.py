@@ -8,9 +8,11 @@ package that names ranks. All entries share one small scene and one training.
 import csv
 import re
 import warnings
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
+import contract
 import numpy as np
 from click.testing import CliRunner
 from mpi4py import MPI
@@ -135,6 +137,23 @@ def first(numbers):
 def fields(work):
     hhr.write_fields(work.folder / "answer.vtu", work.full, work.full.solve(POINT))
     return [1.0]
+
+
+def heated(work):
+    """Each rank makes the model of its own, and keeps it in a file of its own."""
+    blocks = contract.blocks()
+    scene = replace(blocks, outputs=())
+    tags = [body.tag for body in scene.bodies]
+    ends = [displacement.tag for displacement in scene.displacements]
+    heat = hhr.Heat(
+        conductivity=dict.fromkeys(tags, 2.0),
+        conductance={0: "1 + p"},
+        expansion=dict.fromkeys(tags, 1e-3),
+        temperatures=[hhr.FixedTemperature(ends[0], 0.0), hhr.FixedTemperature(ends[-1], 20.0)],
+    )
+    path = work.folder / f"heat{COMM.rank}.npz"
+    hhr.save_heat_model(path, hhr.condense_heat(scene, heat))
+    return hhr.load_heat_model(path).solve(contract.MIDDLE).heat
 
 
 def answered_table(work):
@@ -269,11 +288,14 @@ FUNCTIONS = {
     "write_answers": written,
     "write_fields": fields,
     "write_model_page": page,
+    "condense_heat": heated,
     "worst": lambda work: [hhr.worst(work.model, "force").proven],
 }
 """Functions of the package by name."""
 CALLED = {
     "check_certificate": "worst",
+    "load_heat_model": "condense_heat",
+    "save_heat_model": "condense_heat",
     "read_stiffness": "blocks_of_scene",
     "run_study": "study_scene",
     "scenery_of": "write_model_page",
