@@ -43,13 +43,15 @@ if TYPE_CHECKING:
 
 HEATED_CORNERS = 16
 """Most corners of the box in which strains are checked, as those of other models."""
+CHECKED_POINTS = 16
+"""Points of the box at which sizes of heat flows are looked at."""
 TRIED_SIZES = (0.0, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9)
 """Pressures and gaps at which signs of conductances are checked at first."""
 FLOW = "heat_of_condition_"
 LEVEL = "level_of_body_"
 """Beginnings of the names of heat flows and of temperatures of bodies, as parameters of loads."""
-UNBOUNDED = 1e30
-"""Ends of these parameters, which nobody chooses."""
+ROOM = 10.0
+"""Ends of these parameters over heat flows and temperatures that contact without resistance has."""
 LOST_AREA = 1e-6
 """Part of the area of a contact that may have no condition: round-off."""
 OF_STRESS = ("VonMises", "StressAt", "ElasticEnergy")
@@ -379,7 +381,7 @@ def _with_stress(
 
     def stress_of(displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
         with shown.of(full.discretisation, conduction.temperature(point, count)):
-            return full.stress_of(displacement, point)
+            return full.discretisation.stress(displacement, point)
 
     fields = replace(model.fields, stress_of=stress_of)
     return model.changed(fields=fields)
@@ -393,10 +395,12 @@ def _augmented(
     levels = [f"{LEVEL}{k}" for k in range(conduction.levels.shape[1])]
     space = scene.parameters
     added = [*flows, *levels]
+    flow, level = _sizes(space, conduction)
+    ends = np.repeat([ROOM * flow, ROOM * level], [len(flows), len(levels)])
     wide = ParameterSpace(
         (*space.names, *added),
-        (*space.lower, *(-UNBOUNDED for _ in added)),
-        (*space.upper, *(UNBOUNDED for _ in added)),
+        (*space.lower, *(-ends)),
+        (*space.upper, *ends),
     )
     expansion = system.expansion
     columns = np.hstack([-conduction.per_heat, conduction.levels])
@@ -411,6 +415,22 @@ def _augmented(
     ]
     named = _naming_all(scene)
     return replace(named, parameters=wide, loads=(*named.loads, _GivenTerms(tuple(terms), shown)))
+
+
+def _sizes(space: ParameterSpace, conduction: Conduction) -> tuple[float, float]:
+    """Largest heat flow of a condition and largest temperature where contacts have no resistance,
+    at points of the box; 1 where there are none.
+    """
+    supplies = np.array(
+        [conduction.supplies(point) for point in box_samples(space)[:CHECKED_POINTS]]
+    )
+    temperatures = np.abs(supplies @ conduction.temperatures.T).max(initial=0.0)
+    jumps = np.abs(supplies @ (conduction.jumps @ conduction.temperatures).T).max(initial=0.0)
+    supplied = np.abs(supplies @ conduction.supplied.T).max(initial=0.0)
+    compliance = (conduction.jumps @ conduction.per_heat).diagonal().mean()
+    flow = max(float(jumps / compliance) if compliance > 0 else 0.0, float(supplied))
+    level = max(float(temperatures), float(supplied * max(compliance, 0.0)))
+    return flow or 1.0, level or 1.0
 
 
 def _naming_all(scene: Scene) -> Scene:
