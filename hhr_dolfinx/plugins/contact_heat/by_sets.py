@@ -68,6 +68,7 @@ class SetResponses:
         return found
 
 
+@np.errstate(all="ignore")  # steps that run away end in NaN, which has no step
 def solved_by_sets(
     contact: CoupledContact, responses: SetResponses, active: np.ndarray, flows: np.ndarray
 ) -> CoupledSolution | None:
@@ -105,8 +106,7 @@ def solved_by_sets(
         forces = np.maximum(forces, 0.0)
         if settled:
             return CoupledSolution(forces, slack, flows[:m], flows[m:], steps, True)
-        with np.errstate(all="ignore"):
-            step = _step(contact, response, (forces, np.maximum(slack, 0.0)), flows, widths)
+        step = _step(contact, response, (forces, np.maximum(slack, 0.0)), flows, widths)
         if step is None:
             return None
         flows = flows + step

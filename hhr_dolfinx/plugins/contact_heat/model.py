@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
+from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.errors import ConvergenceError, HHRError, SceneError, StabilityWarning
-from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.elimination import differentiated
 from hhr_dolfinx.models.functionals.functional import Outputs
@@ -31,6 +30,8 @@ from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 
 LEAST_SIZE = 1e-3
 """Part of the sizes of a problem below which heat flows and forces count as none of their own."""
@@ -171,10 +172,11 @@ class HeatModel:
         self.pairs = np.zeros(len(parts.areas), dtype=np.int64)
         if mechanical.pairs is not None:
             self.pairs = mechanical.pairs
-        responses = mechanical.eliminated.responses  # type: ignore[attr-defined]
-        self._schur = responses.schur
-        self._free_slack = responses.free_slack
-        self._amplitudes = mechanical.eliminated.amplitudes  # type: ignore[attr-defined]
+        eliminated = cast("ConstantElimination", mechanical.eliminated)
+        self._schur = eliminated.responses.schur
+        self._free_slack = eliminated.responses.free_slack
+        self._equalities = eliminated.equalities
+        self._amplitudes = eliminated.amplitudes
         slopes = self._amplitudes.slopes[:, len(self.parameters.names) :]
         self._per_heat = self._free_slack[:, : len(slopes)] @ slopes
         self._jumps = conduction.jumps @ conduction.temperatures
@@ -410,7 +412,8 @@ class HeatModel:
         if found[0].converged and not both:
             return found
         flows = self._perfect @ np.concatenate([contact.jump, contact.supplied])
-        closed = np.linalg.solve(self._schur, -contact.slack - self._per_heat @ flows)
+        every = np.ones(self.conditions, dtype=bool)
+        closed, _ = self._equalities(every, contact.slack + self._per_heat @ flows)
         pressed = np.maximum(closed, 0.1 * np.abs(closed).max(initial=0.0))
         found.append(self._from(contact, pressed, flows))
         if not any(one.converged for one in found):
@@ -426,8 +429,7 @@ class HeatModel:
 
     def _without_heat(self, slack: np.ndarray) -> np.ndarray:
         """Forces of contact alone, at the temperatures without heat flows, (m,)."""
-        equalities = SchurEqualities.of(self._schur, LapackLU)
-        forces = active_set(equalities, slack, slack < 0).forces
+        forces = active_set(self._equalities, slack, slack < 0).forces
         return np.maximum(np.nan_to_num(forces), 0.0)
 
     @cached_property
