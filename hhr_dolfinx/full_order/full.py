@@ -182,7 +182,7 @@ class FullOrderModel(FullModel):
 
     def __copy__(self) -> FullOrderModel:
         """Another model with the same factors."""
-        model = object.__new__(FullOrderModel)
+        model = object.__new__(type(self))
         vars(model).update(vars(self))
         return model
 

@@ -101,6 +101,16 @@ def eliminated(system: HeatSystem) -> Conduction:
     )
 
 
+def temperature_space(discretisation: Discretisation) -> tuple[fem.FunctionSpace, np.ndarray]:
+    """Space of temperatures, and the node of each of its dofs, (n,).
+
+    Args:
+        discretisation: functions on the mesh of the scene.
+    """
+    space, parents = discretisation.space.sub(0).collapse()
+    return space, np.ravel(parents).astype(np.int64) // discretisation.mesh.geometry.dim
+
+
 def jumps_of(full: FullOrderModel) -> csr_matrix:
     """B_T, (m, n): weights of nodes as in B, without the normal, that sum up to 1 on the first
     surface of a contact.
@@ -205,10 +215,8 @@ class _Assembly:
         self._discretisation = discretisation
         self._cells = full.problem.cell_nodes
         self._heat = heat
-        mesh = discretisation.mesh
-        self._space, parents = discretisation.space.sub(0).collapse()
-        self._node = np.ravel(parents).astype(np.int64) // mesh.geometry.dim
-        self._weight = volume_weight(mesh, discretisation.scene.hypothesis)
+        self._space, self._node = temperature_space(discretisation)
+        self._weight = volume_weight(discretisation.mesh, discretisation.scene.hypothesis)
         self._bodies = {body.tag for body in discretisation.scene.bodies}
         self.cooled = np.zeros(0, dtype=np.int64)  #: nodes with convection
 

@@ -26,7 +26,12 @@ from hhr_dolfinx.formulas import Scalar, box_samples, formula_of
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.loads import Assembler, Term
 from hhr_dolfinx.parameters import ParameterSpace, Tag
-from hhr_dolfinx.plugins.contact_heat.conduction import HeatSystem, eliminated, heat_system
+from hhr_dolfinx.plugins.contact_heat.conduction import (
+    HeatSystem,
+    eliminated,
+    heat_system,
+    temperature_space,
+)
 from hhr_dolfinx.plugins.contact_heat.heat import GAP_NAME, PRESSURE_NAME, Heat
 from hhr_dolfinx.plugins.contact_heat.model import HeatModel
 from hhr_dolfinx.plugins.contact_heat.parts import Conduction, HeatParts
@@ -37,8 +42,7 @@ from hhr_dolfinx.warn import ignored, warn
 if TYPE_CHECKING:
     from ufl.core.expr import Expr
 
-    from hhr_dolfinx.full_order.discretisation import Discretisation
-    from hhr_dolfinx.models.condensed import CondensedModel
+    from hhr_dolfinx.parameters import PointLike
     from hhr_dolfinx.scene import Scene
 
 HEATED_CORNERS = 16
@@ -54,8 +58,6 @@ ROOM = 10.0
 """Ends of these parameters over heat flows and temperatures that contact without resistance has."""
 LOST_AREA = 1e-6
 """Part of the area of a contact that may have no condition: round-off."""
-OF_STRESS = ("VonMises", "StressAt", "ElasticEnergy")
-"""Outputs that would leave out the thermal strain."""
 
 
 def condense_heat(scene: Scene, heat: Heat) -> HeatModel:
@@ -114,10 +116,9 @@ def condense_heat(scene: Scene, heat: Heat) -> HeatModel:
     system = heat_system(full, heat, conducting)
     conduction = eliminated(system)
     shown = ShownTemperature(heat)
-    heated = FullOrderModel(_augmented(scene, system, conduction, shown), MPI.COMM_SELF)
+    heated = HeatedFullOrder(scene, _augmented(scene, system, conduction, shown), conduction, shown)
     with ignored(SmallStrainWarning):  # heat flows are no parameters of the user
         mechanical = condensed(heated, fields=True)
-    mechanical = _with_stress(mechanical, heated, conduction, shown, len(scene.parameters.names))
     model = HeatModel(
         HeatParts(
             scene.parameters,
@@ -167,9 +168,6 @@ def _check(scene: Scene) -> None:
         "K is that of a user's system": scene.system is not None,
         "moduli depend on parameters": any(
             isinstance(value, str) for body in scene.bodies for value in (body.young, body.poisson)
-        ),
-        "outputs read stress or energy (answer.stress() has the stress)": any(
-            type(output).__name__ in OF_STRESS for output in scene.outputs
         ),
     }
     for fault, present in faults.items():
@@ -297,31 +295,35 @@ class ShownTemperature:
         self._field: fem.Function | None = None
 
     @contextmanager
-    def of(self, discretisation: Discretisation, temperature: np.ndarray) -> Iterator[None]:
-        """Show temperatures at the nodes, (n,), in a block of one thread at a time.
+    def of(self, field: fem.Function) -> Iterator[None]:
+        """Show temperatures in a block of one thread at a time.
 
         Args:
-            discretisation: functions on the mesh whose stresses are requested.
-            temperature: of the nodes, (n,).
+            field: temperatures on the mesh whose stresses are requested.
         """
         with self._lock:
-            space, parents = discretisation.space.sub(0).collapse()
-            self._field = fem.Function(space)
-            nodes = np.ravel(parents) // discretisation.mesh.geometry.dim
-            self._field.x.array[:] = temperature[nodes]
+            self._field = field
             try:
                 yield
             finally:
                 self._field = None
 
     def strain(self, tag: Tag) -> tuple[Amplitude, Expr] | None:
-        """Amplitude and strain of a body; None for one that does not expand, and outside a block.
+        """Amplitude and strain of a body; None for one that does not expand.
 
         Args:
             tag: the body.
+
+        Raises:
+            NotOfferedError: outside a block, where outputs are prepared.
         """
-        if self._field is None or tag not in self._heat.expansion:
+        if tag not in self._heat.expansion:
             return None
+        if self._field is None:
+            raise NotOfferedError(
+                "outputs read stress or energy of a body that expands by heat through contacts: "
+                "leave them out, answer.stress() has the stress"
+            )
         excess = self._field - self._heat.reference_of(tag)
         return Amplitude(1.0), self._heat.expansion[tag] * excess * ufl.Identity(3)
 
@@ -362,29 +364,40 @@ class _NoForce:
         return [Term(amplitude, np.zeros(assembler.size))]
 
 
-def _with_stress(
-    model: CondensedModel,
-    full: FullOrderModel,
-    conduction: Conduction,
-    shown: ShownTemperature,
-    count: int,
-) -> CondensedModel:
-    """The model whose stresses leave out the thermal strain of each answer.
+class HeatedFullOrder(FullOrderModel):
+    """Full order whose further parameters are heat flows and levels; its stresses leave out the
+    thermal strain.
 
     Args:
-        model: condensed model of the scene with heat flows as parameters.
-        full: its full model.
+        scene: the scene of the user.
+        augmented: this scene with the further parameters.
         conduction: temperatures of the scene.
         shown: temperatures of the load of the scene.
-        count: number of the parameters of the user, the first ones.
     """
 
-    def stress_of(displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
-        with shown.of(full.discretisation, conduction.temperature(point, count)):
-            return full.discretisation.stress(displacement, point)
+    def __init__(
+        self, scene: Scene, augmented: Scene, conduction: Conduction, shown: ShownTemperature
+    ):
+        super().__init__(augmented, MPI.COMM_SELF)
+        self._count = len(scene.parameters.names)
+        self._conduction = conduction
+        self._shown = shown
+        self._space, self._node = temperature_space(self.discretisation)
 
-    fields = replace(model.fields, stress_of=stress_of)
-    return model.changed(fields=fields)
+    def stress_of(self, displacement: np.ndarray, mu: PointLike | None = None) -> np.ndarray:
+        """Stress in the middle of each cell, see
+        :meth:`hhr_dolfinx.full_order.full.FullOrderModel.stress_of`.
+
+        Args:
+            displacement: the displacement, (N,).
+            mu: parameters, with heat flows and levels, (P + m + b,); None for the middle.
+        """
+        # flows and levels are answers: the box, which scales claims, does not bound them
+        point = self.problem.middle if mu is None else np.asarray(mu, dtype=float)
+        field = fem.Function(self._space)
+        field.x.array[:] = self._conduction.temperature(point, self._count)[self._node]
+        with self._shown.of(field):
+            return self.discretisation.stress(displacement, point)
 
 
 def _augmented(

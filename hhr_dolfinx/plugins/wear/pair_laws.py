@@ -10,6 +10,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.law import MeshArrays, PairLaw
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.outputs import GapAt
 from hhr_dolfinx.parameters import is_number
 from hhr_dolfinx.plugins.contact_laws.interface import check_areas
 from hhr_dolfinx.plugins.wear.laws import WornConditions
@@ -65,7 +66,7 @@ class ArchardWear(PairLaw):
         """
         own = [k for k, law in enumerate(scene.laws) if law is self]
         for output in scene.outputs:
-            if type(output).__name__ == "GapAt" and output.contact in own:
+            if isinstance(output, GapAt) and output.contact in own:
                 raise SceneError(
                     f"output '{output.name}' reads the gap of {what} without what is worn: leave "
                     "it out, answer.gaps() has both"

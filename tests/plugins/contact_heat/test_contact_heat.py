@@ -484,6 +484,15 @@ def test_what_is_asked_of_answers_is_checked():
 
 
 @needs("plots")
+def test_stresses_of_pictures_are_those_of_answers():
+    from hhr_dolfinx.plugins.plots.recovery import stress_of_cells
+
+    mechanical = rods("3 * p**0.95", 0.0, "T").solve({"push": 0.005, "T": 20.0}).mechanical
+    shown = stress_of_cells(mechanical.fields.full, mechanical)
+    np.testing.assert_array_equal(shown, mechanical.stress())
+
+
+@needs("plots")
 def test_a_picture_names_the_parameters_of_the_user(tmp_path):
     answer = rods("3 * p**0.95", 0.0, "T").solve({"push": 0.005, "T": 20.0})
     figure = answer.plot(tmp_path / "rods.png")
