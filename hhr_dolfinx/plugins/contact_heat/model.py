@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any, cast
@@ -11,6 +12,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.errors import ConvergenceError, HHRError, SceneError, StabilityWarning
+from hhr_dolfinx.formulas import IMAGINARY_STEP, Formula
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.elimination import differentiated
 from hhr_dolfinx.models.functionals.functional import Outputs
@@ -35,8 +37,6 @@ if TYPE_CHECKING:
 
 LEAST_SIZE = 1e-3
 """Part of the sizes of a problem below which heat flows and forces count as none of their own."""
-CONDUCTANCE_STEP = 1e-30
-"""Step of the complex derivatives of conductances: they are exact to round-off."""
 ALIKE_ANSWERS = 1e-8
 """Difference over the size of forces or heat flows up to which two answers are the same: that of
 solutions whose last step was 1e-12 is far below.
@@ -49,20 +49,13 @@ class HeatAnswer:
 
     Attributes:
         parameter: the parameter, (P,).
-        heat: heat flow of each condition from the first surface of its contact to the second, (m,):
-            a power, per unit depth in the plane and of the whole turn in axisymmetry.
         jump: temperature of the first surface less that of the second, (m,).
-        converged: True if contact and heat are in balance.
-        steps: steps of Newton's method.
         several: True if another start has another answer.
         solution: forces, slacks, heat flows and levels.
     """
 
     parameter: np.ndarray
-    heat: np.ndarray
     jump: np.ndarray
-    converged: bool
-    steps: int
     several: bool
     solution: CoupledSolution
     _model: HeatModel
@@ -73,6 +66,25 @@ class HeatAnswer:
         displacement, pressure, picture.
         """
         return self._model.mechanical_answer(self)
+
+    @property
+    def converged(self) -> bool:
+        """True if contact and heat are in balance."""
+        return self.solution.converged
+
+    @property
+    def heat(self) -> np.ndarray:
+        """Heat flow of each condition from the first surface of its contact to the second, (m,): a
+        power, per unit depth in the plane and of the whole turn in axisymmetry.
+        """
+        return self.solution.heat
+
+    @property
+    def heated(self) -> np.ndarray:
+        """The parameter followed by heat flows and levels: a point of ``model.mechanical``,
+        (P + m + b,).
+        """
+        return np.concatenate([self.parameter, self.heat, self.levels])
 
     def forces(self) -> np.ndarray:
         """Contact forces, (m,), see :meth:`hhr_dolfinx.models.answer.Answer.forces`."""
@@ -94,8 +106,7 @@ class HeatAnswer:
 
     def temperature(self) -> np.ndarray:
         """Temperature at the nodes of the mesh, (n,)."""
-        point = np.concatenate([self.parameter, self.heat, self.levels])
-        return self._model.conduction.temperature(point, self.parameter.size)
+        return self._model.conduction.temperature(self.heated, self.parameter.size)
 
     def stress(self) -> np.ndarray:
         """Stress in the middle of each cell, without that of the free expansion, Kelvin's notation,
@@ -135,12 +146,14 @@ class HeatAnswer:
             )
         return float(self.heat[self._model.pairs == contact].sum())
 
-    def outputs(self) -> dict[str, float]:
+    def outputs(self) -> Outputs:
         """Outputs of the scene by name, and ``heat 0``, ``heat 1``, the flow of each contact."""
-        none = self._model.mechanical.fields.functionals is None
-        scene = {} if none else dict(self.mechanical.outputs())
         flows = {f"heat {k}": self.heat_through(k) for k in self._model.conductances}
-        return {**scene, **flows}
+        units = dict.fromkeys(flows, "")
+        if self._model.mechanical.fields.functionals is None:
+            return Outputs(flows, units)
+        of_scene = self.mechanical.outputs()
+        return Outputs(of_scene.values | flows, of_scene.units | units)
 
 
 class HeatModel:
@@ -297,12 +310,7 @@ class HeatModel:
             gradient: add derivatives along the parameters, at the statuses of the answer.
         """
         answer = self.solve(point)
-        values = answer.outputs()
-        functionals = self.mechanical.fields.functionals
-        items = () if functionals is None else functionals.items
-        units = {item.name: item.unit for item in items}
-        units |= {name: "" for name in values if name not in units}
-        return Outputs(values, units, self._gradient(answer) if gradient else None)
+        return replace(answer.outputs(), gradient=self._gradient(answer) if gradient else None)
 
     def _gradient(self, answer: HeatAnswer) -> dict[str, np.ndarray]:
         """Derivatives of all outputs along the parameters of the user, (P,) each."""
@@ -314,8 +322,7 @@ class HeatModel:
         }
         if self.mechanical.fields.functionals is None:
             return gradient
-        point = np.concatenate([answer.parameter, answer.heat, answer.levels])
-        contact = self.mechanical.eliminated(point)
+        contact = self.mechanical.eliminated(answer.heated)
         along = differentiated(contact, answer.mechanical).outputs().gradient
         assert along is not None
         of_scene = {name: of[:count] + of[count:] @ changes for name, of in along.items()}
@@ -325,8 +332,7 @@ class HeatModel:
         """Derivatives of heat flows and levels along the parameters of the user, (m + b, P)."""
         count = len(self.parameters.names)
         point = answer.parameter
-        still = np.concatenate([point, np.zeros(self._per_heat.shape[1])])
-        acting, slopes = self._amplitudes.slopes_at(still)
+        acting, slopes = self._amplitudes.slopes_at(self._without_flows(point))
         supplies = np.array([one.derivative(point) for one in self.conduction.amplitudes])
         supplies = supplies.reshape(-1, count)
         contact = self._coupled(point)
@@ -344,15 +350,10 @@ class HeatModel:
     ) -> np.ndarray:
         """Derivatives of the conductances along the parameters, (m, P)."""
         changes = np.zeros((pressures.size, point.size))
-        for contact, scalar in self.conductances.items():
-            rows = self.pairs == contact
-            at = {PRESSURE_NAME: pressures[rows], GAP_NAME: gaps[rows]}
-            values = dict(zip(self.parameters.names, point.tolist(), strict=True))
+        for rows, formula, values in self._formulas(point, pressures, gaps):
             for place, name in enumerate(self.parameters.names):
-                if name in scalar.formula.variables:
-                    changed = values | {name: complex(values[name], CONDUCTANCE_STEP)} | at
-                    found = np.asarray(scalar.formula(changed))
-                    changes[rows, place] = np.imag(found) / CONDUCTANCE_STEP
+                if name in formula.variables:
+                    changes[rows, place] = _derivative(formula, values, name)
         return changes
 
     def mechanical_answer(self, answer: HeatAnswer) -> Answer:
@@ -366,15 +367,17 @@ class HeatModel:
         """
         if not answer.converged:
             raise HHRError("contact and heat found no balance: there is no answer to read")
-        point = np.concatenate([answer.parameter, answer.heat, answer.levels])
-        contact = self.mechanical.eliminated(point)
-        return self.mechanical.from_contact(contact, point, raise_on_failure=True)
+        contact = self.mechanical.eliminated(answer.heated)
+        return self.mechanical.from_contact(contact, answer.heated, raise_on_failure=True)
+
+    def _without_flows(self, point: np.ndarray) -> np.ndarray:
+        """The point of the mechanical model without heat flows and levels, (P + m + b,)."""
+        return np.concatenate([point, np.zeros(self._per_heat.shape[1])])
 
     def _coupled(self, point: np.ndarray) -> CoupledContact:
-        still = np.concatenate([point, np.zeros(self._per_heat.shape[1])])
         supplies = self.conduction.supplies(point)
         return CoupledContact(
-            slack=self._free_slack @ self._amplitudes(still),
+            slack=self._free_slack @ self._amplitudes(self._without_flows(point)),
             schur=self._schur,
             per_heat=self._per_heat,
             jump=self._jumps @ supplies,
@@ -390,16 +393,21 @@ class HeatModel:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Conductances of all conditions and their derivatives along pressure and gap."""
         found = np.zeros((3, pressures.size))
+        for rows, formula, values in self._formulas(point, pressures, gaps):
+            found[0, rows] = np.real(np.asarray(formula(values)))
+            for place, name in enumerate((PRESSURE_NAME, GAP_NAME), start=1):
+                found[place, rows] = _derivative(formula, values, name)
+        return found[0], found[1], found[2]
+
+    def _formulas(
+        self, point: np.ndarray, pressures: np.ndarray, gaps: np.ndarray
+    ) -> Iterator[tuple[np.ndarray, Formula, dict[str, Any]]]:
+        """Conditions of each contact that conducts, (m,) bool, its formula and what that names."""
+        values = dict(zip(self.parameters.names, point.tolist(), strict=True))
         for contact, scalar in self.conductances.items():
             rows = self.pairs == contact
-            values = dict(zip(self.parameters.names, point.tolist(), strict=True))
             at = {PRESSURE_NAME: pressures[rows], GAP_NAME: gaps[rows]}
-            for place, name in enumerate((PRESSURE_NAME, GAP_NAME), start=1):
-                complex_ = {**at, name: at[name] + 1j * CONDUCTANCE_STEP}
-                changed = np.asarray(scalar.formula(values | complex_))
-                found[place, rows] = np.imag(changed) / CONDUCTANCE_STEP
-            found[0, rows] = np.real(np.asarray(scalar.formula(values | at)))
-        return found[0], found[1], found[2]
+            yield rows, scalar.formula, values | at
 
     def _found(self, contact: CoupledContact, both: bool = True) -> list[CoupledSolution]:
         """Solutions from contact without heat, and from closed contacts that conduct perfectly: if
@@ -457,9 +465,7 @@ class HeatModel:
         self._check_sign(point, contact, found)
         for array in (found.heat, found.levels, jump):
             array.flags.writeable = False
-        return HeatAnswer(
-            point, found.heat, jump, found.converged, found.steps, several, found, self
-        )
+        return HeatAnswer(point, jump, several, found, self)
 
     def _check_sign(
         self, point: np.ndarray, contact: CoupledContact, found: CoupledSolution
@@ -478,6 +484,12 @@ class HeatModel:
                 f"{pressed[row]:g}, g = {opened[row]:g}, at {self.parameters.described(point)}: it "
                 "must be a number that is not negative"
             )
+
+
+def _derivative(formula: Formula, values: dict[str, Any], name: str) -> np.ndarray:
+    """Derivative of a formula along one of its names, exact to round-off."""
+    changed = formula(values | {name: values[name] + 1j * IMAGINARY_STEP})
+    return np.imag(np.asarray(changed)) / IMAGINARY_STEP
 
 
 def _alike(contact: CoupledContact, first: CoupledSolution, second: CoupledSolution) -> bool:
