@@ -6,7 +6,7 @@ _HERE = "hhr_dolfinx.plugins.contact_heat"
 
 PLUGIN = Plugin(
     name="contact_heat",
-    needs=("elasticity", "small_strains"),
+    needs=("elasticity",),
     public={
         f"{_HERE}.heat": "Heat FixedTemperature HeatFlux HeatSource Convection",
         f"{_HERE}.model": "HeatModel HeatAnswer",

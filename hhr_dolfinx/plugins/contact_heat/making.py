@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import ufl
@@ -33,20 +32,18 @@ from hhr_dolfinx.plugins.contact_heat.conduction import (
     temperature_space,
 )
 from hhr_dolfinx.plugins.contact_heat.heat import GAP_NAME, PRESSURE_NAME, Heat
-from hhr_dolfinx.plugins.contact_heat.model import HeatModel
+from hhr_dolfinx.plugins.contact_heat.model import HeatAnswer, HeatModel
 from hhr_dolfinx.plugins.contact_heat.parts import Conduction, HeatParts
-from hhr_dolfinx.plugins.small_strains.cells import LARGE_STRAIN, spread_strain, strain_kinds
 from hhr_dolfinx.study.condensing import condensed
 from hhr_dolfinx.warn import ignored, warn
 
 if TYPE_CHECKING:
     from ufl.core.expr import Expr
 
+    from hhr_dolfinx.models.model import AnsweringModel
     from hhr_dolfinx.parameters import PointLike
     from hhr_dolfinx.scene import Scene
 
-HEATED_CORNERS = 16
-"""Most corners of the box in which strains are checked, as those of other models."""
 CHECKED_POINTS = 16
 """Points of the box at which sizes of heat flows are looked at."""
 TRIED_SIZES = (0.0, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9)
@@ -129,28 +126,19 @@ def condense_heat(scene: Scene, heat: Heat) -> HeatModel:
             problem.contact_areas.copy(),
         )
     )
-    _check_strains(full, model)
+    full.strains.corners(full, cast("AnsweringModel", _FirstBalance(model)))
     return model
 
 
-def _check_strains(full: FullOrderModel, model: HeatModel) -> None:
-    """Warn of large strains and rotations in corners of the box."""
-    space = model.parameters
-    corners = itertools.product(*zip(space.lower, space.upper, strict=True))
-    kinds = strain_kinds(full.problem, axisymmetric=full.scene.hypothesis == "axisymmetric")
-    worst = 0.0
-    for corner in itertools.islice(corners, HEATED_CORNERS):
-        answer = model.solve(corner, both=False, raise_on_failure=False)
-        if not answer.converged:
-            continue
-        displacement = answer.displacement()[:, None]
-        for kind in kinds:
-            size = spread_strain(kind.sizes(displacement)[:, 0])
-            if size > max(worst, LARGE_STRAIN):
-                worst = size
-                words = f"at {space.described(answer.parameter)}: {kind.in_words(size)}"
-    if worst:
-        warn(words, SmallStrainWarning)
+@dataclass(frozen=True)
+class _FirstBalance:
+    """A model with heat as the check of strains reads one: it looks for no second balance."""
+
+    model: HeatModel
+
+    def solve_many(self, points: Any, *, raise_on_failure: bool, outside: str) -> list[HeatAnswer]:
+        """Answers to points of the box, (n, P), see :meth:`HeatModel.solve_many`."""
+        return self.model.solve_many(points, both=False, raise_on_failure=raise_on_failure)
 
 
 def _check(scene: Scene) -> None:

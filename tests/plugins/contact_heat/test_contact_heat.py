@@ -18,6 +18,7 @@ from hhr_dolfinx.errors import (
     NotOfferedError,
     PairingWarning,
     SceneError,
+    SmallStrainWarning,
     StabilityWarning,
 )
 from hhr_dolfinx.geometries import two_blocks
@@ -498,6 +499,13 @@ def test_a_picture_names_the_parameters_of_the_user(tmp_path):
     figure = answer.plot(tmp_path / "rods.png")
     assert (tmp_path / "rods.png").stat().st_size > 10_000
     assert figure.get_suptitle() == "at push = 0.005, T = 20"
+
+
+@needs("small_strains")
+def test_large_strains_are_warned_of_with_parameters_of_the_user():
+    """A rod that has come loose shrinks by its expansion times the temperature: 2e-3 times 200."""
+    with pytest.warns(SmallStrainWarning, match=r"T = -200: a strain of 0\.4"):
+        rods(100.0, "T", "T", expansion=2e-3)
 
 
 def test_scenes_that_heat_is_not_for_are_refused():
