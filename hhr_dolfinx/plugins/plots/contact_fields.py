@@ -85,10 +85,10 @@ def gaps(answer: Answer, full: Meshed | None = None) -> np.ndarray:
     values = np.full(rows.shape[0], np.nan)
     pressing = mesh.pressing
     gap = undeformed - rows @ field
-    if is_full(meshed):
-        opened = np.asarray(meshed.problem.law.opened(answer.memory) if answer.memory else 0.0)
-        if np.ndim(opened) == 0 or opened.shape == gap.shape:  # of a RID part of it is not known
-            gap = gap + opened
+    law = meshed.problem.law if is_full(meshed) else cast("MeshBeside", meshed).loaded().law
+    opened = np.asarray(law.opened(answer.memory) if answer.memory else 0.0)
+    if np.ndim(opened) == 0 or opened.shape == gap.shape:  # of a RID part of it is not known
+        gap = gap + opened
     values[pressing] = gap[pressing]
     return values
 

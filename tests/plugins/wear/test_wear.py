@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from needs import needs
 from scenes import pair_scene, slope
 
@@ -134,6 +135,17 @@ def test_gaps_have_what_is_worn():
         hhr.FullOrderModel(
             dataclasses.replace(blocks(load=False), outputs=(hhr.GapAt("gap", 0, (0.5, 1.0)),))
         )
+
+
+@needs("pages", "plots")
+def test_gaps_of_a_model_in_a_file_have_what_is_worn(tmp_path):
+    full = hhr.FullOrderModel(blocks(load=False), MPI.COMM_SELF)
+    hhr.save_model(tmp_path / "worn.npz", hhr.condense(full, fields=True))
+    hhr.scenery_of(full).write(tmp_path / "scenery.npz")
+    path = [(0.0, (0.0,)), (100.0, (0.02,)), (100.1, (0.0,))]
+    model = hhr.load_model(tmp_path / "worn.npz")
+    exact, found = (one.march(path).answers[-1] for one in (full, model))
+    np.testing.assert_allclose(found.gaps(), exact.gaps(), rtol=0, atol=1e-12)
 
 
 @needs("nonmatching")
