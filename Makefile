@@ -7,7 +7,7 @@ export PYTHONUNBUFFERED = 1
 # set-up leaves compiling to the first import, which must be kept: else each of hundreds of processes compiles again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo flange hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator time-errors greedy indent scene held foreign foreign-codes benchmarks decks patch laws extreme recipes compose figures pictures lint test test-core quick slow slice docs setup mutants doctor without same paths
+.PHONY: demo flange hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator time-errors greedy indent scene held foreign foreign-codes benchmarks decks patch laws extreme recipes compose thesis rivals figures pictures lint test test-core quick slow slice docs setup mutants doctor without same paths
 
 demo: setup
 	.venv/bin/python demos/bolted_joint.py
@@ -122,6 +122,14 @@ recipes: setup
 compose: setup
 	.venv/bin/python benchmarks/compose.py --pairs --workers 2
 	.venv/bin/python benchmarks/compose.py --docs
+
+# each figure and table of the thesis beside ours, into docs/thesis.md; half an hour on an idle core
+thesis: setup
+	.venv/bin/python benchmarks/thesis/side_by_side.py --docs
+
+# models of other authors, regressions and ours on six scenes, into docs/rivals.md; half an hour on an idle core
+rivals: setup
+	.venv/bin/python benchmarks/rivals.py --docs
 
 # all figures of README into docs/figures.json and README, an hour on an idle core
 figures: setup

@@ -8,11 +8,16 @@ from pathlib import Path
 import numpy as np
 from coarser import CoarserMesh
 from mpi4py import MPI
-from peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
 from pellet_cladding_tables import POINTS, thesis
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
+from hhr_dolfinx.plugins.rivals.cones import greedy_cone, nonnegative_factors, touching
+from hhr_dolfinx.plugins.rivals.projection import (
+    ConeModel,
+    displacement_modes,
+    with_supremizers,
+)
 from hhr_dolfinx.plugins.studies.measure import References
 from hhr_dolfinx.plugins.studies.points import time_queries
 from hhr_dolfinx.plugins.studies.study import Study
@@ -34,15 +39,16 @@ VARIANTS = [
 def rivals(training: Training, scene: Callable[..., hhr.Scene], quick: bool) -> Iterator[hhr.Rival]:
     """Peers with 30 primal modes, and coarser meshes of the same scene."""
     full_order, snapshots = training.full_order, training.snapshots
+    modes = displacement_modes(snapshots, 30)
+
+    def of(cone: np.ndarray) -> ConeModel:
+        return ConeModel(full_order, with_supremizers(full_order, modes, cone), cone)
+
     for count in (10,) if quick else (20, 40):
-        cone = cone_projected_greedy(snapshots.forces, count)
-        yield hhr.Rival(
-            "cone-projected greedy", f"{count}", DualBasisModel(full_order, snapshots, cone, 30)
-        )
+        cone = greedy_cone(touching(snapshots), count, relative=True)
+        yield hhr.Rival("cone-projected greedy", f"{count}", of(cone))
     factors = nonnegative_factors(snapshots.forces, 10 if quick else 40)
-    yield hhr.Rival(
-        "NNMF", f"{factors.shape[1]}", DualBasisModel(full_order, snapshots, factors, 30)
-    )
+    yield hhr.Rival("NNMF", f"{factors.shape[1]}", of(factors))
     cells = (12, 20, 4) if quick else (60, 100, 8)
     for part in (2,) if quick else (4, 2):
         mesh = dict(

@@ -15,18 +15,24 @@ matplotlib.use("Agg")
 
 
 def plot_maps(
-    points: np.ndarray, maps: dict[str, np.ndarray], labels: tuple[str, str], path: Path
+    points: np.ndarray,
+    maps: dict[str, np.ndarray],
+    labels: tuple[str, str],
+    path: Path,
+    rows: int = 1,
 ) -> None:
     """Relative errors over two parameters, one map per model on one logarithmic scale, thesis
     figure 3.9.
 
-    ``points`` form a regular grid, (n, 2), with errors by model, (n,) each.
+    ``points`` form a regular grid, (n, 2), with errors by model, (n,) each; the maps stand in
+    ``rows`` rows.
     """
-    figure = Figure(figsize=(4.6 * len(maps), 4), layout="constrained")
-    axes = figure.subplots(1, len(maps), squeeze=False)
+    columns = len(maps) // rows
+    figure = Figure(figsize=(4.6 * columns, 4 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False)
     first, second = (np.unique(points[:, k]) for k in (0, 1))
     norm = LogNorm(1e-4, 1.0)
-    for axis, (name, errors) in zip(axes[0], maps.items(), strict=True):
+    for axis, (name, errors) in zip(axes.flat, maps.items(), strict=True):
         table = np.clip(np.nan_to_num(errors, nan=1.0, posinf=1.0), 1e-4, 1.0).reshape(
             first.size, second.size
         )

@@ -128,6 +128,13 @@ class Factors:
                 smallest = np.minimum(smallest, 1 / np.diagonal(inverse).max())
         return bool(smallest > FAR_FROM_ROUND_OFF * largest > 0)
 
+    @property
+    def negative(self) -> int:
+        """Negative pivots of MUMPS; 0 of other solvers, which end at one."""
+        pc = self._ksp.getPC()
+        by_mumps = pc.getFactorSolverType() == "mumps"
+        return pc.getFactorMatrix().getMumpsInfog(12) if by_mumps else 0
+
     def _closed(self) -> bool:
         """Invert the Schur complement, or set up solutions without it.
 

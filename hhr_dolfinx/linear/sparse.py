@@ -275,6 +275,11 @@ class FreeCholesky:
             )
         return self._factors
 
+    @property
+    def negative(self) -> int:
+        """See :class:`Factors`."""
+        return self._there().negative
+
     def release(self) -> None:
         """Free the memory until the next :meth:`refactor`, which must precede further solutions.
 

@@ -59,7 +59,10 @@ NEEDED = {
         "from hhr_dolfinx.plugins.local_models.clusters import medoids; "
         "medoids([[0.0, 1.0], [1.0, 0.0]], 1)"
     ),
-    "peers": "from peers import nonnegative_factors; nonnegative_factors(None, 1)",
+    "rivals": (
+        "from hhr_dolfinx.plugins.rivals.cones import nonnegative_factors; "
+        "nonnegative_factors(None, 1)"
+    ),
     "mortar": "from hhr_dolfinx.geometries.two_blocks import side\n"
     "mortar = hhr.Mortar(side(1, 2, True), side(2, 2, False))\n"
     "hhr.FullOrderModel(pressed_pair('solid', ((1.0, 0.3), (1.0, 0.3)), cells=1, "

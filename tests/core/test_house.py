@@ -136,7 +136,7 @@ def test_no_circle():
     scripts = [path for folder in ("demos", "benchmarks") for path in (ROOT / folder).rglob("*.py")]
     imported = re.compile(r"^(?:from parts )?(?:import|from) (?:parts\.)?(\w+)", re.MULTILINE)
     calls = {path.stem: {*imported.findall(path.read_text())} - {path.stem} for path in scripts}
-    assert "peers" in calls["pellet_cladding_study"] and "extreme_flow" in calls["extreme_cases"]
+    assert "coarser" in calls["pellet_cladding_study"] and "extreme_flow" in calls["extreme_cases"]
     list(graphlib.TopologicalSorter(calls).static_order())
 
 

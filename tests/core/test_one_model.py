@@ -13,7 +13,6 @@ import hertz_half_discs as demo
 import numpy as np
 import pytest
 from needs import needs, present
-from peers import DualBasisModel
 from scenes import pressed_block, slope
 from scipy.stats import spearmanr
 from toy_steps import EquilibriumResidual, EveryKth, WholeSurface
@@ -237,12 +236,8 @@ def test_rivals_that_know_no_flow_refuse_it(flowing_models):
     """They answered as if nothing flowed."""
     full = flowing_models["full"]
     snapshots = hhr.SnapshotSet.of_histories([full.march(ramp(0.1))])
-    for rival in (
-        lambda: DualBasisModel(full, snapshots, np.eye(len(full.schur)), 3),
-        lambda: hhr.exact_condensation(full, snapshots.known_statuses()),
-    ):
-        with pytest.raises((ReductionError, SceneError), match=r"flow|have laws"):
-            rival()
+    with pytest.raises((ReductionError, SceneError), match=r"flow|have laws"):
+        hhr.exact_condensation(full, snapshots.known_statuses())
 
 
 @needs("inelastic")

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from coarser import CoarserMesh
 from mpi4py import MPI
-from peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
 from scenes import check_like
 
 import hhr_dolfinx as hhr
@@ -42,36 +41,6 @@ def test_statuses_of_something_else(hertz, hertz_snapshots):
             SceneError, match=r"conditions of this scene at one point or more: snapshots\.known"
         ):
             hhr.exact_condensation(hertz, given)
-
-
-def test_greedy_cone():
-    """Picked by hand: the largest snapshot, then the one farthest from its cone.
-
-    A multiple is never picked.
-    """
-    forces = np.array([[3.0, 6.0, 0.0, 1.0], [0.0, 0.0, 2.0, 1.0], [0.0, 0.0, 0.0, 0.5]])
-    basis = cone_projected_greedy(forces, 10)
-    assert basis[:, 0].tolist() == [1, 0, 0] and basis[:, 1].tolist() == [0, 1, 0]
-    assert basis.shape[1] == 3
-    assert cone_projected_greedy(forces, 2).shape[1] == 2
-
-
-def test_nonnegative_factors_rebuild_a_factorised_matrix():
-    rng = np.random.default_rng(1)
-    forces = rng.uniform(size=(8, 2)) @ rng.uniform(size=(2, 30))
-    factors = nonnegative_factors(forces, 2)
-    assert factors.min() >= 0
-    rebuilt = factors @ np.linalg.lstsq(factors, forces, rcond=None)[0]
-    assert np.linalg.norm(rebuilt - forces) < 1e-3 * np.linalg.norm(forces)
-
-
-def test_dual_basis_model_with_all_unit_vectors_finds_the_forces(hertz, hertz_snapshots):
-    """With the whole dual space, supremizers make the model exact: it is condensation in
-    disguise.
-    """
-    model = DualBasisModel(hertz, hertz_snapshots, np.eye(55), modes=14)
-    for mu in (0.168, 0.4321):
-        check_like(model.solve(mu), hertz.solve(mu), displacement=1e-8, forces=1e-8)
 
 
 def test_coarser_meshes_converge_to_the_fine_one(hertz):

@@ -236,6 +236,51 @@ def check_compose(reports, folder):
     assert len(changes) == 2 and max(changes) < 1e-6
 
 
+def check_thesis(reports, folder):
+    """Each figure and table has a row, and closed forms among them are what they are on any
+    mesh.
+    """
+    rows = reports["report"]["thesis"].values()
+    numbered = {
+        "figure": {1: 15, 2: 13, 3: 14, 4: 10, 5: 15, 6: 6},
+        "table": {3: 3, 4: 4, 5: 1, 6: 1},
+    }
+    there = set().union(*(numbers_of(row["number"]) for row in rows))
+    for kind, chapters in numbered.items():
+        for chapter, last in chapters.items():
+            items = {(kind, chapter, number) for number in range(1, last + 1)}
+            assert items <= there, sorted(items - there)
+    found = {row["number"]: row for row in rows}
+    assert found["figure 1.14"]["as_printed"].startswith("N = 1356, N_lambda = 55")
+    assert "beta_HR = 1.0000, beta_h on the RID = 1.0000" in found["theorem 10"]["as_printed"]
+    ratios = re.findall(r"\((\S+) to", found["theorem 1"]["ours"])
+    assert len(ratios) == 2 and all(float(ratio) >= 1 for ratio in ratios)
+    assert all(row["printed"] for row in rows)
+
+
+def numbers_of(text):
+    """Figures and tables that the number of a row names: ``figures 3.6 to 3.8`` are three."""
+    found, kind = set(), ""
+    pattern = r"(figure|table)s?|(\d)\.(\d+)[a-c]?(?: to \d\.(\d+))?"
+    for word, chapter, first, last in re.findall(pattern, text):
+        kind = word or kind
+        if chapter:
+            numbers = range(int(first), int(last or first) + 1)
+            found |= {(kind, int(chapter), number) for number in numbers}
+    return found
+
+
+def check_rivals(reports, folder):
+    """All methods have a row on each scene, and condensation is exact where K is constant."""
+    scenes = reports["report"]["rivals"]
+    assert len(scenes) == 5  # the sphere is not quick
+    for rows in scenes.values():
+        assert len(rows) >= 18 and all("refused" in row or "errors" in row for row in rows.values())
+    for name in ("half-discs", "pellet"):
+        errors = scenes[name]["condensed, all conditions"]["errors"]
+        assert max(row["worst"] for row in errors.values()) < 1e-7
+
+
 CHECKS = {
     "bolt_preload": check_preload,
     "demos_foreign": check_foreign,
@@ -249,6 +294,8 @@ CHECKS = {
     "pellet_cladding_plastic": check_plastic,
     "pellet_power": check_power,
     "press_fit_torque": check_friction,
+    "rivals": check_rivals,
+    "side_by_side": check_thesis,
     "sphere_on_block": check_sphere,
 }
 """What reports must hold besides, and the folder where they lie."""
@@ -295,6 +342,7 @@ OF_PLUGINS = {
     "indentation": ("inelastic", "mortar"),
     "local_models": ("greedy", "local_models", "moduli", "theorems"),
     "one_call": ("friction", "inelastic", "moduli", "mortar", "one_call", "shapes", "volume_loads"),
+    "pellet_cladding": ("rivals",),
     "pellet_cladding_nonmatching": ("nonmatching",),
     "pellet_power": ("inelastic", "volume_loads"),
     "pellet_cladding_plastic": ("inelastic", "nonmatching"),
@@ -302,8 +350,18 @@ OF_PLUGINS = {
     "press_fit": ("moduli", "mortar", "shapes", "volume_loads"),
     "press_fit_torque": ("friction", "mortar", "shapes", "volume_loads"),
     "random_recipes": ("baselines",),
+    "rivals": ("local_models", "moduli", "nonmatching", "rivals"),
     "scale": ("moduli", "mortar"),
     "second_order": ("mortar", "second_order"),
+    "side_by_side": (
+        "greedy",
+        "inelastic",
+        "local_models",
+        "moduli",
+        "nonmatching",
+        "rivals",
+        "theorems",
+    ),
     "sliding_punch": ("sliding", "friction"),
     "sphere_on_block": ("mortar",),
 }

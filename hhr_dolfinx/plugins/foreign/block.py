@@ -57,6 +57,11 @@ class ForeignBlock(KnownArguments):
     move: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.stiffness, str | Path | ForeignMatrix):
+            raise SceneError(
+                f"the stiffness {self.stiffness!r} of block '{self.name}' must be a file or a "
+                "ForeignMatrix"
+            )
         if not isinstance(self.name, str) or not self.name.isidentifier():
             raise SceneError(
                 f"the name {self.name!r} of a block must be an identifier, such as plate"

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.errors import FileContentError, FileError, NotSolvableError, SceneError
 from hhr_dolfinx.geometries.abaqus_blocks import blocks
@@ -33,6 +34,15 @@ MEAN_STIFFNESS = 1e6
 SINGULAR = 1e-3
 """Part of a known vector that a solution may lose."""
 
+SAME_PLACE = 1e-5
+"""Part of the size of a mesh up to which nodes are at one place: decks have six digits or more."""
+AT_REST = 1e-6
+"""Part of the largest displacement of a case up to which a node is at rest: results have six
+digits.
+"""
+ONE_NODE = 3
+"""Dofs of a node, which alone is no body."""
+
 Vector = tuple[float, float, float]
 
 
@@ -48,12 +58,15 @@ class SolvedCase:
             on. Those that the code has left out of K need not be there.
         tolerance: largest difference over the largest displacement. Files of results have five or
             six digits.
+        points: coordinates of nodes in the case by their labels, (3,) each, which must lie to each
+            other as those beside K do; none if they are not known.
     """
 
     forces: Mapping[int, Vector]
     displacements: Mapping[int, Vector]
     held: frozenset[tuple[int, int]] = field(default_factory=frozenset)
     tolerance: float = 1e-4
+    points: Mapping[int, Vector] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         values = [
@@ -96,6 +109,8 @@ def read_case(path: str | Path, tolerance: float = 1e-4) -> SolvedCase:
 def _of_table(path: Path, tolerance: float) -> SolvedCase:
     """Case of a table."""
     lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+    if not lines:
+        raise FileContentError(f"{path.name} is empty: node,fx,fy,fz,ux,uy,uz,held is needed")
     names = [word.strip().lower() for word in lines[0].split(",")]
     wanted = ["fx", "fy", "fz", "ux", "uy", "uz"]
     if "node" not in names or not {*names} <= {"node", "held", *wanted}:
@@ -156,6 +171,7 @@ def _of_deck(path: Path, tolerance: float) -> SolvedCase:
         results.displacements,
         frozenset(held),
         tolerance,
+        {label: (place[0], place[1], place[2]) for label, place in deck.nodes.items()},
     )
 
 
@@ -257,6 +273,7 @@ def compare_displacements(
         SceneError: for a larger one, with the node; for nodes that the block lacks.
     """
     index = _indices(block.nodes)
+    _check_places(block, case, name, index)
     rows = []
     theirs = []
     labels = []
@@ -272,8 +289,13 @@ def compare_displacements(
     ours = solution[np.array(rows)]
     reference = np.array(theirs)
     compared = np.isfinite(reference) & block.known[np.array(rows)]
-    if not compared.any():
-        raise SceneError(f"block '{name}': no displacement of its solved case is at a dof of K")
+    loose = compared & ~np.isin(np.array(rows), _held(block, case)[0])
+    if not loose.any():
+        raise SceneError(
+            f"block '{name}': no displacement of its solved case is at a dof of K that is free: "
+            "give those of nodes that move"
+        )
+    _check_reach(block, name, np.array(rows)[loose], reference[loose])
     largest = np.abs(reference[compared]).max() or 1.0
     off = np.where(compared, np.abs(ours - reference), 0.0)
     node, direction = np.unravel_index(off.argmax(), off.shape)
@@ -285,6 +307,46 @@ def compare_displacements(
             )
         )
     return worst
+
+
+def _check_places(block: Placed, case: SolvedCase, name: str, index: Mapping[int, int]) -> None:
+    """Raise SceneError if nodes of a case lie elsewhere than those beside K, up to a shift."""
+    original = block.nodes.original is not None  # solids that stand for shells and beams
+    labels = [] if original else [label for label in case.points if label in index]
+    if len(labels) < 2:
+        return
+    theirs = np.array([case.points[label] for label in labels])
+    ours = block.nodes.points[[index[label] for label in labels]]
+    apart = ours - theirs
+    off = np.abs(apart - np.median(apart, axis=0)).max(axis=1)
+    if off.max() > SAME_PLACE * np.ptp(theirs, axis=0).max():
+        worst = int(off.argmax())
+        raise SceneError(
+            f"block '{name}': node {labels[worst]} lies {off[worst]:.3g} from its place in the "
+            "solved case: the mesh beside K is another one"
+        )
+
+
+def _check_reach(block: Placed, name: str, dofs: np.ndarray, values: np.ndarray) -> None:
+    """Raise SceneError for a body whose displacements in the case say nothing.
+
+    Args:
+        block: K on its nodes.
+        name: name of the block.
+        dofs: dofs of displacements that are compared, (k,).
+        values: these displacements, (k,).
+    """
+    _, body = connected_components(block.matrix, directed=False)
+    placed = np.flatnonzero(block.known[: 3 * len(block.nodes.labels)])
+    moving = dofs[np.abs(values) > AT_REST * np.abs(values).max()]
+    silent = np.setdiff1d(body[placed], body[moving])
+    sizes = np.bincount(body[placed])
+    if (silent := silent[sizes[silent] > ONE_NODE]).size:
+        node = block.nodes.labels[placed[body[placed] == silent[0]][0] // 3]
+        raise SceneError(
+            f"block '{name}': its solved case says nothing of the body with node {node}, which is "
+            "at rest there or has no displacement: load it in the case too, or make a block of it"
+        )
 
 
 def _said(
@@ -418,11 +480,30 @@ def factored(matrix: csr_matrix, free: np.ndarray, name: str) -> Callable[[np.nd
     ordering = ordering_of(3, "qmd")
     whole = _with_diagonal(matrix)
     try:
-        return FreeCholesky(whole, free, all_rows, name, ordering, MPI.COMM_SELF).solve
+        factors = FreeCholesky(whole, free, all_rows, name, ordering, MPI.COMM_SELF)
     except NotSolvableError:  # its reasons are those of meshes
         raise NotSolvableError(
             f"the K of block '{name}' is singular with the supports of its solved case"
         ) from None
+    check_definite(factors.negative, f"block '{name}'")
+    return factors.solve
+
+
+def check_definite(negative: int, what: str) -> None:
+    """Check that K is that of an energy.
+
+    Args:
+        negative: number of negative pivots of its factors.
+        what: what it is the K of.
+
+    Raises:
+        NotSolvableError: if there is one.
+    """
+    if negative:
+        raise NotSolvableError(
+            f"the K of {what} is indefinite, {negative} of its pivots are negative: it is that "
+            "of no energy, such as of a body beyond buckling, or less a mass"
+        )
 
 
 def _with_diagonal(matrix: csr_matrix) -> csr_matrix:
@@ -452,6 +533,9 @@ def _by_superlu(
         raise NotSolvableError(
             f"the K of block '{name}' is singular with the supports of its solved case"
         ) from None
+
+    if np.array_equal(factor.perm_r, factor.perm_c):
+        check_definite(int((factor.U.diagonal() < 0).sum()), f"block '{name}'")
 
     def solve(forces: np.ndarray) -> np.ndarray:
         solution = np.zeros(free.size)

@@ -76,6 +76,12 @@ def condense_blocks(
     pairs = np.repeat(
         np.arange(len(rows_of_pairs)), [len(rows_of_pair.gap) for rows_of_pair in rows_of_pairs]
     )
+    idle = np.flatnonzero(np.diff(csr_matrix(rows.matrix[:, free]).indptr) == 0)
+    if idle.size:
+        raise SceneError(
+            f"{idle.size} conditions of contact {pairs[idle[0]]} act on held dofs alone: leave "
+            "held nodes out of its surface"
+        )
     columns, gaps, amplitudes = _terms(parts, loads, openings, rows, pairs)
     _check_known(parts, held, rows, columns)
     factors = [float(Formula(block.formula)({})) for block in foreign.blocks]

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.full_order.still import StillMesh
-from hhr_dolfinx.plugins.foreign.case import compare_displacements, supported
+from hhr_dolfinx.plugins.foreign.case import check_definite, compare_displacements, supported
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.contact.stiffness import SparseStiffness
     from hhr_dolfinx.full_order.system import System
+    from hhr_dolfinx.linear.sparse import FreeCholesky
     from hhr_dolfinx.plugins.foreign.parts import Parts
 
 
@@ -73,6 +74,8 @@ class ComparedByFactors(StillMesh):
         except NotSolvableError:
             self._parts.compare()  # says which block is singular
             raise
+        with stiffness.held() as factors:
+            check_definite(cast("FreeCholesky", factors).negative, "the scene")
         return problem, stiffness
 
     def _compare(self, stiffness: SparseStiffness) -> None:

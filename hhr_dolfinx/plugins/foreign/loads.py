@@ -41,6 +41,8 @@ class ForeignLoad(KnownArguments):
 
     def __post_init__(self) -> None:
         check_amplitude(self, f"the foreign load {self.forces!r}", formulas=True)
+        if isinstance(self.forces, Mapping):
+            _check_forces(self.forces, "a foreign load")
 
     def terms(self, assembler: Assembler) -> list[Term]:
         """Refuse: only the discretisation of blocks knows their labels.
@@ -66,6 +68,7 @@ class ForeignLoad(KnownArguments):
             )
         number = names.index(self.block) if self.block else 0
         forces = self.forces if isinstance(self.forces, Mapping) else read_load(Path(self.forces))
+        _check_forces(forces, "a foreign load" if forces is self.forces else str(self.forces))
         nodes = parts.made[number].nodes
         turning = parts.made[number].turning
         index = {int(label): k for k, label in enumerate(nodes.labels)}
@@ -80,6 +83,20 @@ class ForeignLoad(KnownArguments):
                 )
             vector[3 * (int(parts.firsts[number]) + node) + (direction - 1) % 3] += value
         return vector
+
+
+def _check_forces(forces: Dofs, what: str) -> None:
+    """Raise SceneError for no force, for directions beyond 1 to 6, and for values without size."""
+    if not forces:
+        raise SceneError(f"{what} has no force: give {{(label, direction): force}}")
+    for (label, direction), value in forces.items():
+        if direction not in range(1, 7):
+            raise SceneError(
+                f"{what} acts on dof {label}.{direction}: directions are 1 to 3 for forces and 4 "
+                "to 6 for moments, as in the other code"
+            )
+        if not np.isfinite(value):
+            raise SceneError(f"{what} is {value} at dof {label}.{direction}: it must be finite")
 
 
 def vector_of(load: Load, parts: Parts) -> np.ndarray | None:

@@ -119,8 +119,12 @@ def checked_matrix(found: ForeignMatrix) -> ForeignMatrix:
     Warns:
         SceneWarning: of single precision.
     """
-    matrix = csr_matrix(found.matrix, dtype=float, copy=True)
     source = found.source
+    if np.iscomplexobj(found.matrix) and abs(found.matrix.imag).max() > 0:
+        raise FileContentError(
+            f"the stiffness in {source} is complex: damping has no counterpart, write its real part"
+        )
+    matrix = csr_matrix(found.matrix.real, dtype=float, copy=True)
     if matrix.shape[0] != matrix.shape[1]:
         raise FileContentError(f"the stiffness in {source} is {matrix.shape}: it must be square")
     if not matrix.shape[0] == len(found.nodes) == len(found.directions):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hhr_dolfinx.errors import FileContentError, FileError, SceneError
+from hhr_dolfinx.errors import FileContentError, FileError, SceneError, SceneWarning
 from hhr_dolfinx.geometries.abaqus_blocks import DeckContents
 from hhr_dolfinx.geometries.abaqus_deck import flat_deck
 from hhr_dolfinx.plugins.foreign.faces import (
@@ -22,6 +22,7 @@ from hhr_dolfinx.plugins.foreign.faces import (
     solid_faces,
 )
 from hhr_dolfinx.plugins.foreign.frd import Results, read_frd
+from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     import meshio
@@ -182,6 +183,9 @@ def nodes_of_deck(path: Path, results: Path | None = None) -> ForeignNodes:
         FileContentError: for shells or beams without the results of CalculiX.
     """
     deck = flat_deck(path)
+    if not deck.nodes:
+        raise FileContentError(f"{path.name} has no *NODE: give the deck of the mesh of K")
+    _check_labels(deck, path)
     if not (thin := thin_elements(deck)):
         return solids_of_deck(deck)
     beside = results or path.with_suffix(".frd")
@@ -192,6 +196,29 @@ def nodes_of_deck(path: Path, results: Path | None = None) -> ForeignNodes:
             "there: run a step with *NODE FILE, OUTPUT=3D, whose result has the nodes of K"
         )
     return _expanded(deck, read_frd(beside), path)
+
+
+def _check_labels(deck: DeckContents, path: Path) -> None:
+    """Raise FileContentError for surfaces of elements that are not there; warn of such nodes."""
+    for name, sides in deck.faces.items():
+        for word, _ in sides:
+            known = word.isdigit() or word.upper() in deck.element_sets
+            numbers = [int(word)] if word.isdigit() else deck.element_sets.get(word.upper(), [])
+            lost = [number for number in numbers if number not in deck.whole]
+            if not known or lost:
+                raise FileContentError(
+                    f"{path.name}: surface {deck.spelling.get(('surface', name), name)} has "
+                    + (f"element {lost[0]}" if lost else f"the set {word}")
+                    + ", which the deck does not have"
+                )
+    for name, numbers in deck.node_sets.items():
+        if missing := [number for number in numbers if number not in deck.nodes]:
+            warn(
+                f"{path.name}: set {deck.spelling.get(('nset', name), name)} has "
+                f"{len(missing)} nodes that the deck does not have, first {missing[0]}: they are "
+                "left out",
+                SceneWarning,
+            )
 
 
 def solids_of_deck(deck: DeckContents) -> ForeignNodes:

@@ -6,6 +6,7 @@ Ansys writes MatrixMarket (``*EXPORT, MatK, MMF``) and Harwell-Boeing with a map
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Callable
 from inspect import signature
@@ -38,12 +39,44 @@ def read_matrix_market(path: Path, dofs: Path | None = None) -> ForeignMatrix:
             ``.mapping``.
     """
     nodes, directions = read_dofs(dofs or table_beside(path))
-    return ForeignMatrix(
-        csr_matrix(_read(lambda _: mmread(path, **SPARSE_MATRIX), path)),
-        nodes,
-        directions,
-        path.name,
-    )
+    text = path.read_bytes()
+    header = _checked_header(path, text)
+    if b"symmetric" not in header or b"coordinate" not in header:
+        matrix = csr_matrix(_read(lambda _: mmread(io.BytesIO(text), **SPARSE_MATRIX), path))
+        return ForeignMatrix(matrix, nodes, directions, path.name)
+    # one half, or both by mistake, which SciPy would add up: read as it is stored
+    stored = b"%%MatrixMarket matrix coordinate real general\n" + text.partition(b"\n")[2]
+    entries = coo_matrix(_read(lambda _: mmread(io.BytesIO(stored), **SPARSE_MATRIX), path))
+    if entries.shape != (len(nodes), len(nodes)):
+        return ForeignMatrix(csr_matrix(entries), nodes, directions, path.name)
+    rows = entries.row.astype(np.int64)
+    columns = entries.col.astype(np.int64)
+    matrix = symmetric_of_half(rows, columns, entries.data, len(nodes), path.name)
+    return ForeignMatrix(matrix, nodes, directions, path.name)
+
+
+def _checked_header(path: Path, text: bytes) -> list[bytes]:
+    """Words of the header of a MatrixMarket file.
+
+    Raises:
+        FileContentError: for what SciPy would read as something else: patterns, complex numbers,
+            exponents of Fortran, and decimal commas.
+    """
+    header = text.partition(b"\n")[0]
+    words = header.lower().split()
+    for kind in (b"pattern", b"complex", b"hermitian", b"skew-symmetric"):
+        if kind in words:
+            raise FileContentError(
+                f"{path.name} is {kind.decode()}, and a stiffness is real and symmetric"
+            )
+    for pattern, what in ((rb"\d\.?[dD][+-]?\d", "exponents with D"), (rb"\d,", "commas")):
+        if found := re.search(pattern, text):
+            line = 1 + text.count(b"\n", 0, found.start())
+            raise FileContentError(
+                f"{path.name}:{line} has numbers with {what}, which MatrixMarket does not have: "
+                "write 1.2e+02"
+            )
+    return words
 
 
 def read_harwell_boeing(path: Path, dofs: Path | None = None) -> ForeignMatrix:
@@ -112,6 +145,11 @@ def read_npz(path: Path, dofs: Path | None = None) -> ForeignMatrix:
     Raises:
         FileContentError: for a file without a matrix or without names of its rows.
     """
+    return _read(lambda file: _of_npz(file, dofs), path)
+
+
+def _of_npz(path: Path, dofs: Path | None) -> ForeignMatrix:
+    """Stiffness of an NPZ file, see :func:`read_npz`."""
     from scipy.sparse import load_npz
 
     with np.load(path, allow_pickle=False) as file:
@@ -125,7 +163,16 @@ def read_npz(path: Path, dofs: Path | None = None) -> ForeignMatrix:
         condensed = "superelement" in held and bool(file["superelement"])
         if {"row", "col", "data"} <= held and "format" not in held:
             size = len(nodes)
-            entries = coo_matrix((file["data"], (file["row"], file["col"])), shape=(size, size))
+            rows = file["row"]
+            columns = file["col"]
+            if rows.size and not (
+                min(rows.min(), columns.min()) >= 0 and rows.max() < size > columns.max()
+            ):
+                raise FileContentError(
+                    f"{path} has rows {rows.min()} to {rows.max()} of {size}: rows and columns "
+                    "count from 0"
+                )
+            entries = coo_matrix((file["data"], (rows, columns)), shape=(size, size))
         elif "format" in held:
             entries = coo_matrix(load_npz(path))
         else:
@@ -186,5 +233,7 @@ def _read(reader: Callable[[Path], _Read], path: Path) -> _Read:
     """Contents of a file by a reader; FileContentError for a damaged one."""
     try:
         return reader(path)
+    except FileContentError:
+        raise
     except Exception as error:  # readers of SciPy raise many kinds
         raise FileContentError(f"{path} cannot be read: {type(error).__name__}: {error}") from None

@@ -40,6 +40,8 @@ OF_ELEMENTS = (
     "TRANSVERSE SHEAR STIFFNESS", "NODAL THICKNESS", "CONTROLS", "RESTART", "TIME POINTS",
 )  # fmt: skip
 """Keywords that are in K, or have no effect."""
+ACTING = ("TEMPERATURE", "AMPLITUDE", "CLEARANCE", "INITIAL CONDITIONS", "DFLUX", "CFLUX")
+"""Keywords of loads and gaps, which are in no K."""
 RESULTS = ("PRINT", "FILE", "OUTPUT")
 """Ends of keywords that choose results."""
 
@@ -52,6 +54,8 @@ class Read:
         displacements, loads, contacts, openings: items of the scene.
         values: value in the deck of each parameter by its name.
         left: TODO lines.
+        motions: motion in the deck of nodes that are not in K, such as those of a plate, (3,) each.
+        held: directions of each node of the deck that ``*BOUNDARY`` states.
     """
 
     displacements: list[str] = field(default_factory=list)
@@ -60,6 +64,13 @@ class Read:
     openings: list[str] = field(default_factory=list)
     values: dict[str, float] = field(default_factory=dict)
     left: list[str] = field(default_factory=list)
+    motions: dict[int, np.ndarray] = field(default_factory=dict)
+    held: dict[int, set[int]] = field(default_factory=dict)
+
+    @property
+    def fixed(self) -> set[int]:
+        """Nodes that are held or moved in all directions."""
+        return {node for node, directions in self.held.items() if {1, 2, 3} <= directions}
 
     def amplitude(self, kind: str, value: float) -> str:
         """Parameter for a load of a value, as text; the number itself after a few parameters.
@@ -97,19 +108,31 @@ def scene_text(
     solids = solids_of_deck(deck)
     in_k = set(read_stiffness(stiffness, dofs).nodes.tolist())
     read = Read()
-    held = _supports(file, deck, in_k, read)
+    _check_steps(file)
+    _supports(file, deck, in_k, read)
     for line, keyword, options, rows in blocks(file):
         where = f"{file.name}:{line}"
         if keyword in ("CLOAD", "DLOAD", "DSLOAD") and rows:
             _loads(read, where, keyword, line, rows, nodes)
         elif keyword == "CONTACT PAIR":
-            _contact(read, where, rows, (nodes, solids), held, _friction(file, options))
+            if "ADJUST" in options:
+                read.left.append(
+                    f"TODO {where} *CONTACT PAIR, ADJUST: no node moves here, gaps are those of "
+                    "the mesh; hhr.Opening(CONTACT, 0.0, overwrites=True) closes them"
+                )
+            _contact(read, where, rows, (nodes, solids), _interaction(file, options, read))
+        elif keyword in ACTING:
+            read.left.append(
+                f"TODO {where} *{keyword}: not read beside a stiffness, and in no K: write its "
+                "load vector in the other code, ForeignLoad, or give a gap as an Opening"
+            )
         elif keyword not in (*OF_ELEMENTS, "BOUNDARY", "FRICTION") and not keyword.endswith(
             RESULTS
         ):
             read.left.append(
                 f"TODO {where} *{keyword}: not read beside a stiffness; if it changes K, it is in K"
             )
+        read.left += _ignored(where, keyword, options)
         if keyword == "STEP" and "NLGEOM" in options:
             read.left.append(f"TODO {where} *STEP, NLGEOM: displacements are small here")
     if not read.contacts:
@@ -131,9 +154,32 @@ def _results(deck: DeckContents, file: Path, case: Path | None) -> Path | None:
     return (file if case is None or case.suffix.lower() != ".inp" else case).with_suffix(".frd")
 
 
-def _supports(file: Path, deck: DeckContents, in_k: set[int], read: Read) -> set[int]:
-    """Read ``*BOUNDARY``; the nodes that are held in all directions."""
-    held: dict[int, set[int]] = {}
+def _check_steps(file: Path) -> None:
+    """Raise FileContentError for a deck of several steps, whose loads follow each other."""
+    steps = [line for line, keyword, _, _ in blocks(file) if keyword == "STEP"]
+    if len(steps) > 1:
+        raise FileContentError(
+            f"{file.name}:{steps[1]} *STEP: beside a stiffness one step is read, and the deck has "
+            f"{len(steps)}: leave the one whose loads you mean"
+        )
+
+
+def _ignored(where: str, keyword: str, options: dict[str, str]) -> Iterator[str]:
+    """TODO lines of options of loads and supports that are not read."""
+    if keyword not in ("CLOAD", "DLOAD", "DSLOAD", "BOUNDARY"):
+        return
+    if "AMPLITUDE" in options:
+        yield f"TODO {where} *{keyword}, AMPLITUDE: values are those of the line, times 1"
+    if options.get("OP", "").upper() == "NEW":
+        yield (
+            f"TODO {where} *{keyword}, OP=NEW: what was stated before stays; a support that K "
+            "has left out cannot be taken away"
+        )
+
+
+def _supports(file: Path, deck: DeckContents, in_k: set[int], read: Read) -> None:
+    """Read ``*BOUNDARY``; a later line replaces those before on the same dofs."""
+    stated: dict[tuple[str, int], tuple[set[int], str]] = {}
     for line, keyword, _, rows in blocks(file):
         if keyword != "BOUNDARY":
             continue
@@ -146,16 +192,30 @@ def _supports(file: Path, deck: DeckContents, in_k: set[int], read: Read) -> set
             last = int(words[2]) if len(words) > 2 and words[2].isdigit() else first
             value = float(words[3]) if len(words) > 3 else 0.0
             for node in members:
-                held.setdefault(node, set()).update(range(first, last + 1))
+                read.held.setdefault(node, set()).update(range(first, last + 1))
             if not in_k & set(members) and not _is_fixed_in_k(members, in_k, deck):
-                continue  # of a tool that is not in K
+                for node in members if value else ():  # of a tool that is not in K
+                    motion = read.motions.setdefault(node, np.zeros(3))
+                    motion[first - 1 : min(last, 3)] = value
+                continue
             for component in range(first, min(last, 3) + 1):
+                _replace(stated, component, set(members))
                 amplitude = f", {read.amplitude('displacement', value)}" if value else ""
-                read.displacements.append(
+                text = (
                     f"hhr.Displacement({_tag(words[0])}, {component - 1}{amplitude}),  # "
                     f"{file.name}:{line}"
                 )
-    return {node for node, directions in held.items() if {1, 2, 3} <= directions}
+                stated[words[0].upper(), component] = set(members), text
+    read.displacements += [text for _, text in stated.values()]
+
+
+def _replace(
+    stated: dict[tuple[str, int], tuple[set[int], str]], component: int, members: set[int]
+) -> None:
+    """Take away the supports before of a component all of whose nodes are stated again."""
+    for key in [key for key, (nodes, _) in stated.items() if nodes <= members]:
+        if key[1] == component:
+            del stated[key]
 
 
 def _is_fixed_in_k(members: Sequence[int], in_k: set[int], deck: DeckContents) -> bool:
@@ -174,8 +234,12 @@ def _tag(word: str) -> str:
 def _loads(
     read: Read, where: str, keyword: str, line: int, rows: list[list[str]], nodes: ForeignNodes
 ) -> None:  # fmt: skip
-    """Read a block of forces or pressures; forces of one node or set are one load."""
+    """Read a block of forces or pressures; forces of one node or set are one load.
+
+    Lines of a face and a pressure that are the same are one surface of all of their elements.
+    """
     forces: dict[str, np.ndarray] = {}
+    pressed: set[str] = set()
     for row in rows:
         words = [word for word in row if word]
         if keyword == "CLOAD":
@@ -194,6 +258,9 @@ def _loads(
                 "and give it as ForeignLoad"
             )
             continue
+        if keyword == "DLOAD" and name.upper() in pressed:
+            continue
+        pressed.add(name.upper())
         amplitude = read.amplitude("pressure", float(words[2]))
         read.loads.append(f'hhr.Pressure("{surfaces[name.upper()]}", {amplitude}),  # {where}')
     for word, force in forces.items():
@@ -204,35 +271,66 @@ def _loads(
         )
 
 
-def _friction(file: Path, options: dict[str, str]) -> float:
-    """Coefficient of friction of the interaction of a pair; 0 without."""
-    interaction = ""
-    for _, keyword, block_options, rows in blocks(file):
+def _interaction(file: Path, options: dict[str, str], read: Read) -> str:
+    """Friction and soft contact of the interaction of a pair as arguments; empty without."""
+    wanted = options.get("INTERACTION", "").upper()
+    interaction = law = ""
+    friction = 0.0
+    for line, keyword, block_options, rows in blocks(file):
+        where = f"{file.name}:{line}"
         if keyword == "SURFACE INTERACTION":
             interaction = block_options.get("NAME", "").upper()
-        elif keyword == "FRICTION" and interaction == options.get("INTERACTION", "").upper():
-            return float(rows[0][0])
-    return 0.0
+        elif interaction != wanted:
+            continue
+        elif keyword == "FRICTION" and rows:
+            friction = float(rows[0][0])
+        elif keyword == "SURFACE BEHAVIOR":
+            law = _curve(where, block_options, rows, read)
+    if law and friction:
+        read.left.append(f"TODO {where} *FRICTION: a pair has one law, soft contact has none")
+        friction = 0.0
+    return (f", friction={friction!r}" if friction else "") + (f", law={law}" if law else "")
+
+
+def _curve(where: str, options: dict[str, str], rows: list[list[str]], read: Read) -> str:
+    """Soft contact of a ``*SURFACE BEHAVIOR`` as text of Python; empty for hard contact."""
+    kind = options.get("PRESSURE-OVERCLOSURE", "HARD").upper()
+    numbers = [[float(word) for word in row if word] for row in rows]
+    try:
+        if kind == "EXPONENTIAL":
+            clearance, pressure, *_ = [value for row in numbers for value in row]
+            return f"hhr.SoftContact(exponential=({clearance!r}, {pressure!r}))"
+        if kind == "TABULAR":
+            return f"hhr.SoftContact(table={tuple((row[1], row[0]) for row in numbers)!r})"
+        if kind != "HARD":
+            read.left.append(
+                f"TODO {where} *SURFACE BEHAVIOR, {kind}: contact is hard here, surfaces do not "
+                "overlap. If that stiffness is meant, give the pair "
+                f"law=hhr.SoftContact(stiffness={numbers[0][0]!r})"
+            )
+    except (ValueError, IndexError):
+        read.left.append(f"TODO {where} *SURFACE BEHAVIOR, {kind}: its curve is not understood")
+    return ""
 
 
 def _contact(
     read: Read, where: str, rows: list[list[str]], given: tuple[ForeignNodes, ForeignNodes],
-    held: set[int], friction: float,
+    argument: str,
 ) -> None:  # fmt: skip
-    """Read a pair: a plane for a master that is held, two surfaces otherwise."""
+    """Read a pair: a plane for a master that is held or moved, two surfaces otherwise."""
     nodes, solids = given  # nodes of K, and of the deck as it is, which has rigid plates too
     surfaces = {name.upper(): name for name in nodes.surfaces}
     fixed = {name.upper(): surface for name, surface in solids.surfaces.items()}
     sets = {name.upper(): name for name in nodes.sets}
     slave, master = (word.upper() for word in [word for word in rows[0] if word][:2])
-    argument = f", friction={friction!r}" if friction else ""
     if master not in {**surfaces, **fixed} or slave not in {**surfaces, **sets}:
         read.left.append(
             f"TODO {where} *CONTACT PAIR {slave}, {master}: no faces of nodes that are there"
         )
         return
     faces = fixed.get(master)
-    if faces is not None and set(solids.decks[faces.members].tolist()) <= held:
+    members = set() if faces is None else set(solids.decks[faces.members].tolist())
+    if faces is not None and members <= read.fixed:
         plane = _plane(solids, faces)
         if plane is None:
             read.left.append(
@@ -242,6 +340,8 @@ def _contact(
             return
         normal, offset = plane
         direction = f"{tuple(normal.tolist())}"
+        _move(read, where, normal, [read.motions.get(node, np.zeros(3)) for node in members],
+              "friction" in argument)  # fmt: skip
         if slave in surfaces:
             read.contacts.append(
                 f'hhr.Obstacle("{surfaces[slave]}", {direction}, {offset!r}{argument}),  # {where}'
@@ -261,6 +361,31 @@ def _contact(
     read.contacts.append(
         f'hhr.Mortar("{surfaces[slave]}", "{surfaces[master]}"{argument}),  # {where}'
     )
+
+
+def _move(
+    read: Read, where: str, normal: np.ndarray, motions: list[np.ndarray], with_friction: bool
+) -> None:
+    """Open the gap of the next contact by the motion of a plane along its normal, (3,)."""
+    motion = motions[0]
+    if any((other != motion).any() for other in motions):
+        read.left.append(
+            f"TODO {where} *CONTACT PAIR: nodes of the held surface move apart from each other; "
+            "its gap is that of the mesh"
+        )
+        return
+    opened = float(normal @ motion)
+    if opened:
+        named = read.amplitude("motion", opened)
+        amplitude = f"slopes={{{named}: 1.0}}" if named.startswith('"') else named
+        read.openings.append(
+            f"hhr.Opening({len(read.contacts)}, hhr.Amplitude({amplitude})),  # {where}"
+        )
+    if with_friction and np.linalg.norm(motion - opened * normal) > 0:
+        read.left.append(
+            f"TODO {where} *CONTACT PAIR: a plane that moves along the body does not drag it by "
+            "friction here: move the body instead"
+        )
 
 
 def _plane(nodes: ForeignNodes, faces: Faces) -> tuple[np.ndarray, float] | None:
@@ -310,6 +435,7 @@ def _text(
     ]
     lines += [
         f"    hhr solve {target.name}    # the middle of the box, which is the state of the deck"
+        + (", but for the TODO lines" if read.left else "")
     ]
     lines += [f"    hhr reduce {target.name}   # a model of all of the box", '"""', ""]
     lines += [

@@ -34,9 +34,14 @@ with extra("study", "the command hhr"):
 @click.option(
     "--seed", type=click.IntRange(0), default=1, show_default=True, help="of random points"
 )
+@click.option(
+    "--rivals", default="", help="all, or names with commas, of the table: galerkin,cpg [none]"
+)
 @OUT
 @resumable
-def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **how: Any) -> None:
+def study(
+    scene: str, out: Path | None, tests: int, queries: int, seed: int, rivals: str, **how: Any
+) -> None:
     """Train, then compare errors and times with the full order and condensation.
 
     Write report, pictures and model.
@@ -45,9 +50,10 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
 
     from hhr_dolfinx.command.loading import beside, scene_of, value_of
     from hhr_dolfinx.plugins.studies.settings import StudySettings, View
-    from hhr_dolfinx.plugins.studies.study import study_scene
+    from hhr_dolfinx.plugins.studies.study import rivals_of, study_scene
 
     console, progress = spoken()
+    chosen = rivals_of([name.strip() for name in rivals.split(",") if name.strip()])
     loaded = scene_of(scene)
     settings = settings_of(scene)
     view = value_of(beside(scene, "VIEW"), scene, "VIEW", View)
@@ -60,7 +66,7 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     if not any(body.law is not None for body in loaded.bodies):
         settings = replace(settings, tests=tests)
     folder = out or Path("out") / loaded.name
-    result = study_scene(loaded, settings, folder, progress=progress)
+    result = study_scene(loaded, settings, folder, rivals=chosen, progress=progress)
     if result is None:
         return
     middle = tuple(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.command.console import Console, make_console
 from hhr_dolfinx.errors import HHRError, NotOfferedError, StabilityWarning, StudyError
 from hhr_dolfinx.models.answer import Model
@@ -42,12 +43,19 @@ class Rival:
         method, setting: its name, and what distinguishes it from others of the same method.
         model: any object with ``solve(mu)``, or ``march(path, settings)`` for bodies with laws,
             whose answers have ``displacement()`` (N,) and ``forces()`` (N_lambda,). The call is
-            timed, the fields are compared.
+            timed, the fields are compared. Or a function without arguments that makes one: its
+            refusal is a row of the table.
     """
 
     method: str
     setting: str
-    model: Model
+    model: Model | Callable[[], Model]
+
+    def made(self) -> Model:
+        """The model."""
+        given: Any = self.model
+        made: Model = given if hasattr(given, "solve") or hasattr(given, "march") else given()
+        return made
 
 
 @dataclass(frozen=True)
@@ -180,7 +188,7 @@ def run_study(
     for label, recipe in progress("variants")(settings.variants):
         rows.append(_row(measured, "HHR", label, partial(training.build, recipe)))
     for rival in progress("rivals")(rivals):
-        rows.append(_row(measured, rival.method, rival.setting, partial(getattr, rival, "model")))
+        rows.append(_row(measured, rival.method, rival.setting, rival.made))
     rows += [*(row.as_report() for row in measured.others), *measured.refused]
     report = make_report(training, model, measured, rows, settings.seed)
     if measured.own.method == "condensed" and "models" not in report:
@@ -193,6 +201,28 @@ def run_study(
         built = training.build(recipe, checked=False)
         report["models"][name] = model_report(built, measured.beside("HHR", name, built))
     return Study(training, model, tests, measured, settings, report)
+
+
+def rivals_of(names: Sequence[str]) -> Callable[[Training], Iterator[Rival]]:
+    """Rivals of plug-ins by name, of a training.
+
+    Args:
+        names: their names; ``all`` takes all.
+
+    Raises:
+        StudyError: for a name that no installed plug-in has.
+    """
+    known = {name: place for name, (place, _) in registry.parts("rivals").items()}
+    chosen = list(known) if "all" in names else list(names)
+    if unknown := sorted(set(chosen) - set(known)):
+        there = ", ".join(known) or "none, as no installed plug-in has any"
+        raise StudyError(f"rivals {', '.join(unknown)} are unknown: all, or of {there}")
+
+    def rivals(training: Training) -> Iterator[Rival]:
+        for name in chosen:
+            yield from registry.load(known[name])(training)
+
+    return rivals
 
 
 def _tests_of(

@@ -1,0 +1,265 @@
+"""Rivals of the literature beside ours, on six scenes: same training, points, norms, clock.
+
+Each scene is trained once. Models of other authors (``hhr_dolfinx/plugins/rivals``), regressions
+and ours learn from these answers, and are asked at the same random points: errors of the
+displacement, of forces on the whole surface, of the largest one and of their sum, of the number of
+conditions that press, the strongest pull and the deepest overlap. Times of all of them are taken in
+turns.
+
+What to see: condensation keeps all conditions and is exact, or interpolated where moduli vary. HHR
+is next. Cones of few forces keep their sum right, and miss the forces of single nodes; supremizers
+make them as dear as condensation. Regressions are right in sums and peaks; where contact ends their
+forces pull.
+
+    python benchmarks/rivals.py [--out DIR] [--quick] [--seed N] [--only SCENE] [--docs [PAGE]]
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import _demos  # noqa: F401 (before the scenes)
+import hertz_half_discs
+import numpy as np
+import pellet_cladding
+import pellet_cladding_nonmatching
+import pellet_materials
+import sphere_on_block
+import your_scene
+from mpi4py import MPI
+from parts import cli
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.accuracy import force_floor, slack_residuals
+from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.plugins.studies import report
+from hhr_dolfinx.plugins.studies.points import time_queries
+from hhr_dolfinx.plugins.studies.study import Rival, rivals_of
+from hhr_dolfinx.study.training.train import Training
+from hhr_dolfinx.timing import timed
+from hhr_dolfinx.warn import ignored
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "rivals.md"
+PRESSING = 1e-3
+"""Part of the largest force from which a condition counts as one that presses."""
+ERRORS = "displacement", "forces", "largest", "sum", "width", "pull", "overlap"
+"""Errors by name: relative ones, and the share of conditions that press or not wrongly."""
+
+
+class Case(NamedTuple):
+    """A scene, how it is trained, and the recipe of its own model."""
+
+    scene: hhr.Scene
+    training: Any
+    recipe: hhr.Recipe = hhr.Recipe()
+
+
+def cases(quick: bool) -> dict[str, Case]:
+    """Scenes by name."""
+    mesh: dict[str, Any] = pellet_cladding.QUICK_MESH if quick else {}
+    grid = (8, 6) if quick else pellet_cladding.GRID
+    other = {**mesh, "cladding_axial_cells": 15} if quick else {}
+    found = {
+        "half-discs": Case(hertz_half_discs.scene(), [31]),
+        "leaf spring": Case(your_scene.scene(), hhr.Sobol(24 if quick else 128)),
+        "pellet": Case(pellet_cladding.scene(**mesh), grid),
+        "meshes that do not match": Case(pellet_cladding_nonmatching.scene(**other), grid),
+    }
+    if not quick:
+        found["sphere"] = Case(sphere_on_block.scene(), sphere_on_block.TRAINING)
+    materials = pellet_materials.scene(**mesh), hhr.Sobol(64 if quick else 512)
+    return found | {"six parameters": Case(*materials, pellet_materials.RECIPE)}
+
+
+def rivals(training: Training, recipe: hhr.Recipe) -> Iterator[Rival]:
+    """Ours by default, and all of the plug-in."""
+    yield Rival("HHR", "default", lambda: training.build(recipe, checked=False))
+    yield Rival("condensed", "all conditions", training.condense)
+    yield from rivals_of(["all"])(training)
+
+
+class Exact(NamedTuple):
+    """Full answers at test points."""
+
+    points: np.ndarray
+    answers: list[Answer]
+    floor: float
+
+
+def errors_of(training: Training, model: Any, exact: Exact) -> dict[str, np.ndarray]:
+    """Errors of a model at all points by name, (n,) each; infinite without an answer."""
+    found: dict[str, list[float]] = {name: [] for name in ERRORS}
+    for point, known in zip(exact.points, exact.answers, strict=True):
+        row = dict.fromkeys(ERRORS, np.inf)
+        try:
+            answer = model.solve(point, outside="ignore", raise_on_failure=False)
+        except HHRError:
+            answer = None
+        if answer is not None and answer.converged:
+            row = _row(training.full_order, answer, known, exact.floor)
+        for name, value in row.items():
+            found[name].append(float(value))
+    return {name: np.array(values) for name, values in found.items()}
+
+
+def _row(full: Any, answer: Answer, known: Answer, floor: float) -> dict[str, float]:
+    """Errors of one answer by name."""
+    forces, exact = answer.forces(), known.forces()
+    problem = full.problem.at(known.parameter)
+    theta = full.problem.amplitudes(known.parameter)
+    field, right = answer.displacement(), known.displacement()
+    overlap, pull = slack_residuals(problem, field - full.problem.lifts @ theta, forces, theta)
+    press, should = (one > max(PRESSING * one.max(), floor) for one in (forces, exact))
+    return {
+        "displacement": np.linalg.norm(field - right) / np.linalg.norm(right),
+        "forces": np.linalg.norm(forces - exact) / max(np.linalg.norm(exact), floor),
+        "largest": abs(forces.max() - exact.max()) / max(exact.max(), floor),
+        "sum": abs(forces.sum() - exact.sum()) / max(exact.sum(), floor),
+        "width": np.mean(press != should),
+        "pull": pull,
+        "overlap": max(overlap, 0.0),
+    }
+
+
+def measured(
+    case: Case, quick: bool, seed: int, progress: Callable[[str], Any]
+) -> dict[str, dict[str, Any]]:
+    """Rows of a scene by the name of the method."""
+    training = hhr.train(
+        case.scene, case.training, held_out=0, comm=MPI.COMM_SELF, progress=progress
+    )
+    full = training.full_order
+    points = full.parameters.random(12 if quick else 100, seed + 7)
+    answers = [full.solve(point) for point in progress("test points")(points)]
+    exact = Exact(points, answers, force_floor(full.problem, training.snapshots))
+    found: dict[str, dict[str, Any]] = {}
+    models: dict[str, Any] = {"full": full}
+    for rival in progress("rivals")(list(rivals(training, case.recipe))):
+        name = f"{rival.method}, {rival.setting}"
+        try:
+            model, seconds = timed(rival.made)
+        except HHRError as error:
+            found[name] = {"refused": str(error)}
+            continue
+        models[name] = model
+        errors = errors_of(training, model, exact)
+        found[name] = {
+            "errors": {kind: _summary(values) for kind, values in errors.items()},
+            "unanswered": int(np.isinf(errors["forces"]).sum()),
+            "build": seconds,
+        }
+    fresh = full.parameters.random(20 if quick else 105, seed + 1000)
+    queries = {name: lambda point, one=model: one.solve(point) for name, model in models.items()}
+    times = {
+        name: float(np.median(seconds)) for name, seconds in time_queries(queries, fresh).items()
+    }
+    for name in models.keys() - {"full"}:
+        found[name] |= {"seconds": times[name], "times full": times["full"] / times[name]}
+    return found
+
+
+def _summary(values: np.ndarray) -> dict[str, float]:
+    """Median, 95th percentile and largest of errors."""
+    return {
+        "median": float(np.median(values)),
+        "p95": float(np.percentile(values, 95, method="higher")),
+        "worst": float(values.max()),
+    }
+
+
+def table(rows: dict[str, dict[str, Any]]) -> list[dict[str, str]]:
+    """Rows of a scene for people, the most exact forces first."""
+    met = sorted(
+        (name for name in rows if "errors" in rows[name]),
+        key=lambda name: rows[name]["errors"]["forces"]["p95"],
+    )
+    lines = []
+    for name in met:
+        row = rows[name]
+        errors = row["errors"]
+        shown = {kind: _percent(errors[kind]["p95"]) for kind in ("displacement", "forces")}
+        shown |= {"worst forces": _percent(errors["forces"]["worst"])}
+        shown |= {kind: _percent(errors[kind]["p95"]) for kind in ERRORS[2:]}
+        lines.append(
+            {
+                "method": name,
+                **shown,
+                "us": f"{1e6 * row['seconds']:.0f}",
+                "x full": f"{row['times full']:.1f}",
+            }
+        )
+    return lines
+
+
+def _percent(value: float) -> str:
+    """A share in per cent; a dash where answers are missing."""
+    return f"{100 * value:.2g}" if np.isfinite(value) else "-"
+
+
+INTRODUCTION = """# Rivals side by side
+
+Reduced models of other authors, regressions and ours on the same training answers and the same
+random points. `python benchmarks/rivals.py --docs` makes this page; [studies](studies.md#rivals)
+says what the methods are, and how to have them on your own scene.
+
+Figures are errors in per cent that 95 % of the points do not exceed, and the worst of the forces;
+*width* is the share of conditions that press wrongly or do not, *pull* the strongest tension over
+the largest force, *overlap* the deepest one over the gaps. A dash: no answer at some points. Times
+are of one answer on one thread, in turns; *x full* is by how much the best full order, which keeps
+its factors, is slower.
+"""
+
+
+def write_page(scenes: dict[str, dict[str, dict[str, Any]]], page: Path) -> None:
+    """Write the page of a report."""
+    lines = [INTRODUCTION]
+    for name, rows in scenes.items():
+        shown = table(rows)
+        lines += [f"## {name[0].upper()}{name[1:]}", "", f"| {' | '.join(shown[0])} |"]
+        lines.append("|" + "---|" * len(shown[0]))
+        lines += [f"| {' | '.join(line.values())} |" for line in shown]
+        lines.append("")
+        refused = {row["refused"]: [] for row in rows.values() if "refused" in row}
+        for method, row in rows.items():
+            if "refused" in row:
+                refused[row["refused"]].append(method)
+        lines += [f"- refused, {'; '.join(who)}: {why}" for why, who in refused.items()]
+        lines += [""] if refused else []
+    page.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
+
+
+def main() -> None:
+    """Measure scenes, print their tables, write the report, and the page if asked."""
+    parser = cli.demo_parser("rivals", __doc__)
+    parser.add_argument("--only", action="append", help="scenes to measure [all]")
+    parser.add_argument(
+        "--docs", type=Path, nargs="?", const=PAGE, help="write the page of the report [docs]"
+    )
+    options = cli.parse_on_first_rank(parser)
+    scenes = _known(options.out)
+    for name, case in cases(options.quick).items():
+        if options.only and name not in options.only:
+            continue
+        with ignored(Warning):
+            scenes[name] = measured(case, options.quick, options.seed, options.progress)
+        cli.print_rows(name, table(scenes[name]), options.console)
+        report.write_report({"rivals": scenes, **report.environment()}, options.out)
+    if options.docs:
+        write_page(scenes, options.docs)
+
+
+def _known(folder: Path) -> dict[str, Any]:
+    """Scenes of an earlier run; none without one."""
+    file = folder / "report.json"
+    if not file.exists():
+        return {}
+    known: dict[str, Any] = json.loads(file.read_text(encoding="utf-8")).get("rivals", {})
+    return known
+
+
+if __name__ == "__main__":
+    main()

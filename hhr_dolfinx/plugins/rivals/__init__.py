@@ -1,0 +1,26 @@
+"""Rivals: reduced models of other authors and regression, for the table of a study."""
+
+from hhr_dolfinx.registry import Plugin
+
+_HERE = "hhr_dolfinx.plugins.rivals"
+
+PLUGIN = Plugin(
+    name="rivals",
+    needs=("studies",),
+    parts={
+        "rivals": {
+            "galerkin": f"{_HERE}.cones:galerkin",
+            "nnmf": f"{_HERE}.cones:nnmf",
+            "cpg": f"{_HERE}.cones:cone_projected_greedy",
+            "inf_sup": f"{_HERE}.cones:inf_sup_greedy",
+            "reduced_basis": f"{_HERE}.cones:reduced_basis",
+            "dictionary": f"{_HERE}.cones:dictionary",
+            "gaussian_process": f"{_HERE}.regression:gaussian_process",
+            "radial_functions": f"{_HERE}.regression:radial_functions",
+            "polynomials": f"{_HERE}.regression:polynomials",
+            "neural_network": f"{_HERE}.regression:neural_network",
+            "thesis": f"{_HERE}.ours:thesis",
+            "local": f"{_HERE}.ours:local",
+        }
+    },
+)
