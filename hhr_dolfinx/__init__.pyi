@@ -124,6 +124,7 @@ from .plugins.paths.path_families import Leg as Leg
 from .plugins.paths.path_families import NamedPath as NamedPath
 from .plugins.paths.path_families import PathFamily as PathFamily
 from .plugins.plots.fields import write_fields as write_fields
+from .plugins.plots.surface_fields import with_surface_fields as with_surface_fields
 from .plugins.resultants.outputs import CentreOfPressure as CentreOfPressure
 from .plugins.resultants.outputs import ContactArea as ContactArea
 from .plugins.resultants.reactions import Reaction as Reaction

@@ -30,6 +30,8 @@ from hhr_dolfinx.files import NUMBER_KINDS
 
 Floats = np.ndarray
 """Array of float64, in annotations."""
+Singles = np.ndarray
+"""Array of float32, whose entries are off by 6e-8 of themselves."""
 Integers = np.ndarray
 """Array of int64; int32 is converted when a file is read, since compiled loops multiply indices."""
 Booleans = np.ndarray
@@ -38,8 +40,9 @@ Booleans = np.ndarray
 Size = int
 """A number that is itself a size, in annotations: ``Annotated[Size, "N"]``."""
 
-TYPES = {
+TYPES: dict[str, np.dtype[Any]] = {
     "Floats": np.dtype(np.float64),
+    "Singles": np.dtype(np.float32),
     "Integers": np.dtype(np.int64),
     "Booleans": np.dtype(np.bool_),
 }

@@ -203,12 +203,12 @@ def read_arrays(
     return header, arrays
 
 
-NUMBER_KINDS = {"<f8": "float", "<i8": "int", "<i4": "int", "|b1": "bool"}
+NUMBER_KINDS = {"<f8": "float", "<f4": "float", "<i8": "int", "<i4": "int", "|b1": "bool"}
 """Kinds of numbers of arrays in files, by their names in numpy."""
 _UTF8 = 0x800
 """Flag of members of archives with names that are not ASCII."""
 _DESCRIPTION = re.compile(
-    rb"\{'descr': '(<f8|<i8|<i4|\|b1|[<|][SU][0-9]{1,7})', 'fortran_order': (True|False), "
+    rb"\{'descr': '(<f8|<f4|<i8|<i4|\|b1|[<|][SU][0-9]{1,7})', 'fortran_order': (True|False), "
     rb"'shape': \(([0-9, ]{0,80})\), \} *\n"
 )
 

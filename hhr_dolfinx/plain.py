@@ -51,7 +51,7 @@ memory.
 _REMEDY = (
     "what goes into a file must be a frozen dataclass, `@dataclass(frozen=True)`, whose fields "
     "are finite numbers, strings, truth values, None, other frozen dataclasses, tuples of these, "
-    "sparse matrices, or numpy arrays of float64, int64, int32 or bool"
+    "sparse matrices, or numpy arrays of float64, float32, int64, int32 or bool"
 )
 _SHOWN = 60
 T = TypeVar("T")
@@ -254,7 +254,7 @@ class _Writer:
         first = self._first.setdefault(key, path)
         dense = (
             array.size < SMALL_ARRAY
-            or array.dtype.kind != "f"
+            or array.dtype != np.float64
             or 3 * np.count_nonzero(flat.view(np.int64)) > array.size
         )
         if first == path:

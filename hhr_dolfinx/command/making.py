@@ -131,13 +131,31 @@ def train(
     write_companions(full, folder)
     if MPI.COMM_WORLD.rank:  # it took part in the build
         return
-    save_model(target, model if fields == "all" else model.without_fields())
+    save_model(target, with_fields(model, fields))
     problem = full.problem
     console.print(
         f"{loaded.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {model!r}"
     )
     console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
     console.print(f"model: {target}")
+
+
+def with_fields(model: KeptModel, fields: str) -> KeptModel:
+    """The model with the fields of the option ``--fields``.
+
+    Args:
+        model: the model.
+        fields: ``all``, ``none``, or ``surface`` for those on the outside of bodies in space.
+
+    Raises:
+        NotOfferedError: for ``surface`` without the plug-in that draws them.
+    """
+    if fields == "surface":
+        from hhr_dolfinx.registry import tool
+
+        made: KeptModel = tool("surface", "fields on the outside of bodies")(model)
+        return made
+    return model if fields == "all" else model.without_fields()
 
 
 def _condensed(scene: Scene) -> tuple[FullOrderModel, KeptModel]:

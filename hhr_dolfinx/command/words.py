@@ -26,10 +26,10 @@ OUT = click.option(
 )
 FIELDS = click.option(
     "--fields",
-    type=click.Choice(["all", "none"]),
+    type=click.Choice(["all", "surface", "none"]),
     default="all",
     show_default=True,
-    help="none: forces and outputs alone; a file that is small where the stiffness is constant",
+    help="none: forces and outputs alone; surface: what pictures in space show; smaller files",
 )
 AT = click.option(
     "--at", "words", multiple=True, help="values of parameters: name=value, or several with commas"

@@ -254,7 +254,7 @@ def test_a_snapshot_under_the_name_of_another_point_or_problem_is_not_taken(stor
 CHANGES = {
     "has type int64": lambda arrays: arrays.update(unknown=np.arange(6)),
     "has type float64": lambda arrays: arrays.update(active=np.zeros(2)),
-    "no plain array of numbers": lambda arrays: arrays.update(multipliers=np.zeros(2, np.float32)),
+    "no plain array of numbers": lambda arrays: arrays.update(multipliers=np.zeros(2, np.float16)),
     "has shape": lambda arrays: arrays.update(unknown=np.zeros((6, 1))),
     r"must be \(N = 6\)": lambda arrays: arrays.update(unknown=np.zeros(5)),
     "is not finite": lambda arrays: arrays.update(multipliers=np.array([np.nan, 0.0])),

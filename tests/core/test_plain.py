@@ -319,7 +319,7 @@ def test_wrong_kinds_and_numbers_are_refused(kind, numbers, why):
         np.array(["a"]),
         np.array([None]),
         1.0,
-        np.float32([1.0]),
+        np.float16([1.0]),
     ],
 )
 def test_wrong_arrays_are_refused(table):
@@ -361,7 +361,7 @@ class Speechless:
                 (object(),),
                 [1.0],
                 np.array([None]),
-                np.float32([1]),
+                np.float16([1]),
                 np.array([np.nan]),
                 np.ma.masked_array([1.0]),
                 np.datetime64("2020"),

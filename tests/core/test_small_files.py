@@ -47,6 +47,60 @@ def test_forces_outputs_and_gradients_stay(full, tmp_path):
             other.displacement()
 
 
+def cube(cells):
+    """A block in space on another one, pushed down on its lid."""
+    return pressed_pair("solid", ((3.0, 0.3), (5.0, 0.3)), cells=cells, outputs=OUTPUTS[:1])
+
+
+@needs("plots", "pages")
+def test_fields_of_the_surface_are_those_of_the_whole_model(tmp_path):
+    """Pictures and files of fields need no node within bodies; all displacements are refused."""
+    full = hhr.FullOrderModel(cube(6), MPI.COMM_SELF)
+    whole = hhr.condense(full, fields=True)
+    assert hhr.with_surface_fields(hhr.condense(cube(1), fields=True)).fields.dofs.size > 0
+    for name, model in {
+        "whole": whole,
+        "surface": hhr.with_surface_fields(whole),
+        "single": hhr.with_surface_fields(whole, single=True),
+    }.items():
+        (tmp_path / name).mkdir()
+        hhr.save_model(tmp_path / name / "model.npz", model)
+        hhr.scenery_of(full).write(tmp_path / name / "scenery.npz")
+    loaded = {
+        name: hhr.load_model(tmp_path / name / "model.npz")
+        for name in ("whole", "surface", "single")
+    }
+    point = full.parameters.random(1, 3)[0]
+    known, seen, rounded = (model.solve(point) for model in loaded.values())
+    np.testing.assert_allclose(seen.forces(), known.forces(), rtol=1e-12, atol=1e-18)
+    with pytest.raises(NotOfferedError, match="left out"):
+        seen.displacement()
+    np.testing.assert_allclose(seen.gaps(), known.gaps(), atol=1e-15)
+    largest = np.abs(known.displacement()).max()
+    for one, tolerance in ((seen, 1e-12), (rounded, 1e-6)):
+        shown, of_whole = one.to_pyvista(), known.to_pyvista()
+        for body in (0, 1):
+            nodes = shown[body].point_data["node"]
+            order = np.searchsorted(of_whole[body].point_data["node"], nodes)
+            assert 0 < nodes.size < of_whole[body].n_points
+            field = of_whole[body].point_data["displacement"][order]
+            found = shown[body].point_data["displacement"]
+            np.testing.assert_allclose(found, field, rtol=0, atol=tolerance * largest)
+    sizes = [(tmp_path / name / "model.npz").stat().st_size for name in loaded]
+    assert sizes[2] < 0.7 * sizes[1] and sizes[1] < sizes[0]
+    assert seen.plot(tmp_path / "seen.png") is not None
+    hhr.write_fields(tmp_path / "seen.vtu", full, seen)
+    assert (tmp_path / "seen.vtu").stat().st_size > 1000
+
+
+@needs("plots")
+def test_models_in_the_plane_keep_all_fields(full):
+    whole = hhr.condense(full, fields=True)
+    assert hhr.with_surface_fields(whole) is whole
+    small = whole.without_fields()
+    assert hhr.with_surface_fields(small) is small
+
+
 @needs("floating")
 def test_models_that_need_them_keep_fields():
     """Motions of bodies that contact alone holds are found with the field."""

@@ -99,7 +99,7 @@ def reduce(
         "of": of or "pressure",
         "budget": budget,
         "paths": beside(scene, "PATHS"),
-        "fields": fields == "all",
+        "fields": {"all": True, "none": False}.get(fields, fields),
     }
     try:
         model = reduced(built_scene, **request, folder=folder, seed=seed, progress=progress)

@@ -94,7 +94,8 @@ class SearchContext:
     store: ArrayStore | None = (
         None  # keeps solutions of connected components; None keeps them in memory alone
     )
-    fields: bool = True  #: whether the model keeps arrays that only displacements need
+    #: whether the model keeps arrays that only displacements need, or ``surface``
+    fields: bool | str = True
     errors: TargetErrors = field(init=False)  #: of models, in the norms of the target
     clock: Stopwatch = field(default_factory=Stopwatch)  #: since the search began
     solved: int = 0  #: number of answers of the full model, those found in the store among them

@@ -127,7 +127,7 @@ def reduce(
     budget: Budget = NO_BUDGET,
     paths: PathFamily | None = None,
     fallback: bool = False,
-    fields: bool = True,
+    fields: bool | str = True,
     folder: str | Path | None = None,
     seed: int = 1,
     progress: Announce | None = None,
@@ -147,6 +147,8 @@ def reduce(
             with a bound: it answers if the bound exceeds the target, see ``hhr.FallbackModel``.
         fields: False leaves out arrays that only displacements need, of a condensed model of a
             constant stiffness nearly all of its file; its answers have forces and outputs.
+            ``surface`` keeps what pictures in space show, see
+            :func:`~hhr_dolfinx.plugins.plots.surface_fields.with_surface_fields`.
         folder: keeps full answers as they are found, so that the same call continues from there,
             with the model, ``model.npz``, and the record, ``reduction.json``; None keeps nothing.
         seed: of random draws.
@@ -188,8 +190,10 @@ def reduce(
         _check_paths(full, paths)
         target = Target.checked(error, of, full)
         _check_fallback(fallback, target)
-        if target.needs_fields and not fields:
-            raise StudyError("an error of displacement needs fields: leave out fields=False")
+        if fields not in (True, False, "surface"):
+            raise StudyError(f"fields = {fields!r} must be True, False or 'surface'")
+        if target.needs_fields and fields is not True:
+            raise StudyError(f"an error of displacement needs fields: leave out fields={fields!r}")
         checked_out, store, arrays = _opened(folder, full)
     group_of(comm).agreed(
         "a search", lambda: [full.scene.name, repr((full.scene, error, of, budget, fallback, seed))]
@@ -224,7 +228,7 @@ def _found(context: SearchContext, kept: Path | None) -> tuple[KeptModel, Reduct
                 )  # of histories, as long as training answers
                 limited = context.full.strains.corners(context.full, model)
                 reduction = replace(reduction, seconds=context.clock.seconds)
-                limited = limited if context.fields else limited.without_fields()
+                limited = _stored(limited, context.fields)
                 if limited is not model:
                     reduction = replace(reduction, answered=_share_answered(context, limited))
                 result = model, reduction = limited, reduction
@@ -483,6 +487,14 @@ class _Found:
         self.models.append(model)
 
 
+def _stored(model: KeptModel, fields: bool | str) -> KeptModel:
+    """A model with the fields that were requested."""
+    if fields == "surface":
+        with_surface: KeptModel = registry.tool("surface", "fields on the outside of bodies")(model)
+        return with_surface
+    return model if fields else model.without_fields()
+
+
 def _try(context: SearchContext, attempt: Proposal) -> tuple[KeptModel | None, Tried]:
     clock = Stopwatch()
     # the search checks errors in its norms
@@ -492,7 +504,7 @@ def _try(context: SearchContext, attempt: Proposal) -> tuple[KeptModel | None, T
     context.checking = True
     seconds = clock.seconds
     limit = context.budget.bytes
-    stored = model if context.fields else model.without_fields()
+    stored = _stored(model, context.fields)
     size = 0 if limit is None else _size(stored)
     tried = Tried(attempt.method, attempt.setting, context.solved, seconds, bytes=size)
     if limit is not None and size > limit:

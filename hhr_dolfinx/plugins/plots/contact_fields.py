@@ -10,6 +10,7 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer, Meshed
 from hhr_dolfinx.models.functionals.kinds import UNDER_LOAD
+from hhr_dolfinx.plugins.plots.surface_fields import displacement_seen
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
@@ -75,7 +76,7 @@ def gaps(answer: Answer, full: Meshed | None = None) -> np.ndarray:
     meshed = answer._meshed(full, "gaps need the contact rows")
     mesh = meshed.answer_mesh()
     rows, undeformed = contact_gaps(meshed, answer.parameter)
-    field = answer.displacement()
+    field = displacement_seen(answer)
     mesh.nodal(field)
     if rows.shape[0] != len(answer.forces()):
         raise NotOfferedError(

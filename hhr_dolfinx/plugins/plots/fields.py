@@ -23,6 +23,7 @@ from hhr_dolfinx.models.answer_mesh import AnswerMesh
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.plugins.plots.contact_fields import gaps, is_full, statuses
 from hhr_dolfinx.plugins.plots.recovery import stress_of_cells
+from hhr_dolfinx.plugins.plots.surface_fields import displacement_seen
 
 with extra("pictures", "fields for ParaView"):
     import pyvista
@@ -138,7 +139,7 @@ def grid_of(meshed: Meshed, answer: Answer) -> pyvista.UnstructuredGrid:
     """
     mesh = meshed.answer_mesh()
     # points are the nodes of the space, in the order of its dofs
-    vectors = mesh.nodal(answer.displacement())
+    vectors = mesh.nodal(displacement_seen(answer))
     padding = ((0, 0), (0, 3 - vectors.shape[1]))
     cells = np.insert(mesh.cells, 0, mesh.cells.shape[1], axis=1)
     kinds = np.full(len(cells), mesh.kind, dtype=np.uint8)
@@ -159,7 +160,15 @@ def grid_of(meshed: Meshed, answer: Answer) -> pyvista.UnstructuredGrid:
     _add_contact(grid, meshed, answer, mesh)
     _add_stress(grid, meshed, answer, mesh)
     grid.cell_data["body"] = mesh.bodies
-    return grid
+    return _where_known(grid, vectors, mesh)
+
+
+def _where_known(
+    grid: pyvista.UnstructuredGrid, vectors: np.ndarray, mesh: AnswerMesh
+) -> pyvista.UnstructuredGrid:
+    """Cells of a grid in which displacements, (n, dim), are known: those of the outside, or all."""
+    known = np.isfinite(vectors).all(axis=1)[mesh.cells].all(axis=1)
+    return grid if known.all() else grid.extract_cells(np.flatnonzero(known))
 
 
 def _add_contact(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from hhr_dolfinx.plugins.plots.contact_fields import gaps, is_full, statuses
 from hhr_dolfinx.plugins.plots.facets import contact_facets
 from hhr_dolfinx.plugins.plots.picture import contact_names, mesh_at
 from hhr_dolfinx.plugins.plots.recovery import stress_samples
+from hhr_dolfinx.plugins.plots.surface_fields import displacement_seen
 
 # pictures only: without a display VTK would first look for an X server and print an error
 if sys.platform == "linux" and "DISPLAY" not in os.environ:
@@ -52,7 +54,8 @@ def to_pyvista(answer: Answer, full: Meshed | None = None) -> pyvista.MultiBlock
     meshed = answer._meshed(full, "data of PyVista need the mesh")
     mesh = mesh_at(meshed, answer.parameter)
     blocks = pyvista.MultiBlock()
-    field = in_space(mesh.nodal(answer.displacement()))
+    field = in_space(mesh.nodal(displacement_seen(answer)))
+    mesh = with_values(mesh, field)
     samples = stress_samples(meshed, answer)
     for body, name in enumerate(_body_names(meshed, mesh)):
         grid = body_grid(mesh, body, mesh.points)
@@ -88,6 +91,12 @@ def _body_names(meshed: Meshed, mesh: AnswerMesh) -> Iterator[str]:
 def in_space(vectors: np.ndarray) -> np.ndarray:
     """Vectors of the plane or of space with three components, (n, 3)."""
     return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
+
+
+def with_values(mesh: AnswerMesh, field: np.ndarray) -> AnswerMesh:
+    """The mesh without cells in which a field, (n, 3), is not known."""
+    known = np.isfinite(field).all(axis=1)[mesh.cells].all(axis=1)
+    return replace(mesh, cells=mesh.cells[known], bodies=mesh.bodies[known])
 
 
 def at_slaves(mesh: AnswerMesh, contact: int, values: np.ndarray) -> np.ndarray:

@@ -22,6 +22,7 @@ from hhr_dolfinx.plugins.plots.contact_fields import (
 )
 from hhr_dolfinx.plugins.plots.deformed import Deformed, DrawnContact, deformed
 from hhr_dolfinx.plugins.plots.recovery import stress_samples
+from hhr_dolfinx.plugins.plots.surface_fields import displacement_seen
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.pages.beside import MeshBeside
@@ -146,7 +147,8 @@ class Picture:
         """
         mesh = mesh_at(meshed, answer.parameter)
         pressures = answer.pressure(meshed)
-        field = mesh.nodal(answer.displacement())
+        # nodes within bodies are not drawn
+        field = np.nan_to_num(mesh.nodal(displacement_seen(answer)))
         states = statuses(answer, meshed)
         contact = None
         try:

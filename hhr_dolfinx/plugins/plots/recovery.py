@@ -15,6 +15,7 @@ from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer, Meshed
 from hhr_dolfinx.models.answer_mesh import AnswerMesh
 from hhr_dolfinx.plugins.plots.contact_fields import is_full
+from hhr_dolfinx.plugins.plots.surface_fields import SurfaceFields, displacement_seen
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.pages.beside import MeshBeside
@@ -113,6 +114,8 @@ def stress_of_cells(meshed: Meshed, answer: Answer) -> np.ndarray | None:
     if full is not None and not full.discretisation.has_mesh:
         return None
     if full is not None and full.equilibrium is None:
+        if isinstance(answer.fields, SurfaceFields):
+            return None
         stress = full.stress_of(answer.displacement(), answer.parameter)
     else:
         try:
@@ -140,7 +143,7 @@ def stress_samples(meshed: Meshed, answer: Answer) -> StressSamples | None:
     if is_full(meshed):
         return None
     beside = cast("MeshBeside", meshed)
-    arrays = beside.deviators(answer.displacement(), answer.parameter)
+    arrays = beside.deviators(displacement_seen(answer), answer.parameter)
     if arrays is None:
         return None
     elements, areas, bodies, tensors = arrays
