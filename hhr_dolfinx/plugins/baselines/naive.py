@@ -29,7 +29,7 @@ class NaiveFullOrder(AnsweringModel):
 
     Raises:
         SceneError: on several ranks, or for inelastic bodies.
-        NotOfferedError: for friction.
+        NotOfferedError: for friction, and for a K of another code.
     """
 
     def __init__(self, full_order: FullOrderModel):
@@ -41,6 +41,11 @@ class NaiveFullOrder(AnsweringModel):
                 "elastic ones only: ask the full model"
             )
         full_order.problem.require_no_memory("the naive baseline")
+        if not full_order.discretisation.has_mesh:
+            raise NotOfferedError(
+                f"the naive baseline assembles K, and that of scene '{full_order.scene.name}' is "
+                "not of elements"
+            )
         self._full = full_order
         self.parameters = full_order.parameters
         self.fields = full_order

@@ -18,6 +18,7 @@ import numpy as np
 from hhr_dolfinx.errors import FileContentError, SceneError
 from hhr_dolfinx.geometries.abaqus_blocks import DeckContents, blocks, name_of_loaded
 from hhr_dolfinx.geometries.abaqus_deck import flat_deck
+from hhr_dolfinx.plugins.foreign.case import read_case
 from hhr_dolfinx.plugins.foreign.faces import Faces
 from hhr_dolfinx.plugins.foreign.nodes import (
     ForeignNodes,
@@ -42,6 +43,11 @@ OF_ELEMENTS = (
 """Keywords that are in K, or have no effect."""
 ACTING = ("TEMPERATURE", "AMPLITUDE", "CLEARANCE", "INITIAL CONDITIONS", "DFLUX", "CFLUX")
 """Keywords of loads and gaps, which are in no K."""
+OF_MATERIALS = (
+    "ELASTIC", "SOLID SECTION", "SHELL SECTION", "BEAM SECTION", "ORIENTATION",
+    "SPRING", "NODAL THICKNESS",
+)  # fmt: skip
+"""Keywords that decide what K is, besides the mesh."""
 RESULTS = ("PRINT", "FILE", "OUTPUT")
 """Ends of keywords that choose results."""
 
@@ -110,6 +116,8 @@ def scene_text(
     read = Read()
     _check_steps(file)
     _supports(file, deck, in_k, read)
+    if case is not None and case.suffix.lower() == ".inp":
+        _check_same_model(file, case, in_k, read)
     for line, keyword, options, rows in blocks(file):
         where = f"{file.name}:{line}"
         if keyword in ("CLOAD", "DLOAD", "DSLOAD") and rows:
@@ -162,6 +170,34 @@ def _check_steps(file: Path) -> None:
             f"{file.name}:{steps[1]} *STEP: beside a stiffness one step is read, and the deck has "
             f"{len(steps)}: leave the one whose loads you mean"
         )
+
+
+def _check_same_model(file: Path, case: Path, in_k: set[int], read: Read) -> None:
+    """Raise FileContentError for a deck whose K would not be that of its solved case."""
+    ours = list(_materials(file))
+    for theirs in _materials(case):  # the deck has those of rigid plates too
+        if theirs not in ours:
+            raise FileContentError(
+                f"*{theirs[1]} of {case.name} is not in {file.name}: K is of another material or "
+                "section. Write K and solve the case anew from this deck"
+            )
+    held = read_case(case).held
+    lost = [(node, way) for node, way in held if way not in read.held.get(node, ()) and way <= 3]
+    if lost := [dof for dof in lost if dof[0] not in in_k]:
+        raise FileContentError(
+            f"{case.name} holds dof {lost[0][0]}.{lost[0][1]}, which K has left out, and "
+            f"{file.name} does not hold it: write K and solve the case anew from this deck"
+        )
+
+
+def _materials(file: Path) -> Iterator[tuple[str, str, list[tuple[str, str]], list[list[str]]]]:
+    """Materials and sections of a deck: material, keyword, options and lines."""
+    material = ""
+    for _, keyword, options, rows in blocks(file):
+        if keyword == "MATERIAL":
+            material = options.get("NAME", "").upper()
+        if keyword in OF_MATERIALS:
+            yield material if keyword == "ELASTIC" else "", keyword, sorted(options.items()), rows
 
 
 def _ignored(where: str, keyword: str, options: dict[str, str]) -> Iterator[str]:
@@ -305,7 +341,7 @@ def _curve(where: str, options: dict[str, str], rows: list[list[str]], read: Rea
         if kind != "HARD":
             read.left.append(
                 f"TODO {where} *SURFACE BEHAVIOR, {kind}: contact is hard here, surfaces do not "
-                "overlap. If that stiffness is meant, give the pair "
+                "overlap. If that stiffness is meant, and no friction, give the pair "
                 f"law=hhr.SoftContact(stiffness={numbers[0][0]!r})"
             )
     except (ValueError, IndexError):

@@ -87,7 +87,9 @@ def with_supremizers(full: FullOrderModel, basis: np.ndarray, cone: np.ndarray) 
         NotOfferedError: if the stiffness depends on parameters: a supremizer belongs to one.
     """
     if full.problem.varies:
-        raise NotOfferedError("supremizers are of one stiffness, and this one has parameters")
+        raise NotOfferedError(
+            "supremizers need a constant stiffness, and moduli are parameters here"
+        )
     supremizers = full.per_force @ cone
     supremizers /= np.linalg.norm(supremizers, axis=0)
     joined: np.ndarray = linalg.qr(np.hstack([basis, supremizers]), mode="economic")[0]

@@ -323,9 +323,12 @@ def output_rows(outputs: JsonObject) -> list[list[str]]:
 
 
 def method_rows(methods: Sequence[JsonObject]) -> list[list[str]]:
-    """Cells of the ``work_precision`` of a report, below :data:`METHOD_HEAD`."""
+    """Cells of the ``work_precision`` of a report, below :data:`METHOD_HEAD`.
+
+    Those with the smallest errors of forces come first, refused ones last.
+    """
     rows = []
-    for row in methods:
+    for row in sorted(methods, key=_by_forces):
         named = [_text(row.get("method")), _text(row.get("setting"))]
         if "refused" in row:
             rows.append([*named, "refused", "", "", "", _text(row["refused"])])
@@ -334,10 +337,17 @@ def method_rows(methods: Sequence[JsonObject]) -> list[list[str]]:
                 _percent(row.get(key))
                 for key in ("primal_l2", "dual_full_floored", "dual_full_floored_max")
             ]
-            rows.append(
-                [*named, _seconds(row.get("online_s")), *errors, _text(row.get("warning", ""))]
-            )
+            silent = row.get("unconverged") or 0
+            remarks = [f"no answer at {silent} points"] if silent else []
+            remarks += [_text(row["warning"])] if row.get("warning") else []
+            rows.append([*named, _seconds(row.get("online_s")), *errors, "; ".join(remarks)])
     return rows
+
+
+def _by_forces(row: JsonObject) -> float:
+    """Median error of forces of a method, by which its row is sorted; infinite without one."""
+    value = row.get("dual_full_floored")
+    return float(value) if isinstance(value, int | float) and "refused" not in row else math.inf
 
 
 def _errors(errors: JsonObject, mesh: JsonObject) -> str:

@@ -175,12 +175,7 @@ def measure_points(
         errors["condensed"] = references.errors(condensed)
         if forces_only.offline is not None:
             offline = {"offline_condensed": dict(forces_only.offline.log.times)}
-    baselines = {}
-    if settings.naive and full.problem.kernel is None:
-        baselines = {
-            name: registry.load(import_path)(full)
-            for name, (import_path, _) in registry.parts("baselines").items()
-        }
+    baselines = _baselines(full, skipped) if settings.naive else {}
     models |= baselines
     # timed points belong neither to training nor to tests
     fresh, later = (space.random(settings.queries + 5, settings.seed + k) for k in (1000, 4000))
@@ -195,8 +190,8 @@ def measure_points(
         return Row(method, setting, time_queries({"online": other.solve}, fresh)["online"], errors)
 
     errors |= {name: references.errors(solver) for name, solver in baselines.items()}
-    if not baselines:
-        skipped.append({"stage": "fom_naive", "why": _without_naive(full)})
+    if not baselines and not settings.naive:
+        skipped.append({"stage": "fom_naive", "why": NOT_REQUESTED})
     report = _searches(answers) | {"samples": _samples(points, answers, errors["online"])}
     report |= _times(warm, cold, baselines, offline)
     report |= _mesh_error(full, skipped) | _outputs(full, references.solutions, answers)
@@ -268,15 +263,25 @@ def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> Report:
         return {}
 
 
-def _without_naive(full: FullOrderModel) -> str:
+NOT_REQUESTED = "not requested: one query takes too long to measure a hundred"
+
+
+def _baselines(full: FullOrderModel, skipped: list[dict[str, str]]) -> dict[str, Model]:
+    """Baselines of plug-ins by name; those that are not for a scene have their reason."""
     if full.problem.kernel is not None:
-        return (
-            "nothing but contact holds a body: without it K is singular, and the first program "
-            "fails"
-        )
-    if not registry.parts("baselines"):
-        return "no plug-in of baselines is installed"
-    return "not requested: one query takes too long to measure a hundred"
+        reason = "nothing but contact holds a body: without it K is singular"
+        skipped.append({"stage": "fom_naive", "why": reason})
+        return {}
+    known = registry.parts("baselines")
+    if not known:
+        skipped.append({"stage": "fom_naive", "why": "no plug-in of baselines is installed"})
+    made: dict[str, Model] = {}
+    for name, (import_path, _) in known.items():
+        try:
+            made[name] = registry.load(import_path)(full)
+        except HHRError as error:
+            skipped.append({"stage": name, "why": str(error)})
+    return made
 
 
 def _compared(

@@ -30,6 +30,8 @@ from hhr_dolfinx.version import __version__
 
 FROM_FILES = "answers read from files"
 """Stage of a training whose answers existed already."""
+FEW_METHODS = 8
+"""Methods up to which the table of all of them is in ``report.html`` alone."""
 LONGEST_CELL = 160
 """Most characters of a printed cell."""
 
@@ -269,7 +271,7 @@ def print_report(report: Report, console: Console) -> None:
     console.print(_sizes_in_words(report))
     console.print(_table(page.ERROR_HEAD, page.error_rows(report["errors"]).values()))
     console.print(_table(page.TIME_HEAD, page.time_rows(report["times"])))
-    if "histories" in report:
+    if "histories" in report or len(report["work_precision"]) > FEW_METHODS:
         console.print(_table(page.METHOD_HEAD, page.method_rows(report["work_precision"])))
     if "outputs" in report:
         console.print(_table(page.OUTPUT_HEAD, page.output_rows(report["outputs"])))

@@ -97,7 +97,10 @@ class Study:
         if view is not None:
             from hhr_dolfinx.plugins.studies.plots import draw_study
 
-            draw_study(self, view, folder)
+            try:
+                draw_study(self, view, folder)
+            except NotOfferedError as error:  # of a K without elements
+                console.print(f"left out: pictures: {error}", markup=False)
         write_page(folder)
         console.print(f"report, pictures, fields and model are in {folder}", markup=False)
 

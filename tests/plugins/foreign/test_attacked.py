@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from foreign_formats import own_block
+from foreign_formats import foreign_scene, own_block
 from needs import needs
 from scipy.io import mmwrite
 from scipy.sparse import coo_matrix, csr_matrix, identity
@@ -57,6 +57,17 @@ PLATE, 1, 3
 {step}*END STEP
 """
 """A cube of one element below a plate that is held, 0.1 above it."""
+FRD = """    1C
+    2C
+ -1         5 0.00000E+00 0.00000E+00 1.00000E+00
+ -3
+ -4  DISP        4    1
+ -5  D1          1    2    1    0
+ -1         5 0.00000E+00 0.00000E+00 1.00000E+00
+ -3
+ 9999
+"""
+"""Results of CalculiX with a displacement."""
 
 
 @pytest.fixture
@@ -117,6 +128,32 @@ def test_a_later_support_replaces_the_one_before(start):
     assert "OP=NEW" in "".join(todo) and "AMPLITUDE" in "".join(todo)
     text, todo = start("*TEMPERATURE\nFOOT, 20.\n*CLOAD\n7, 3, 1.\n")
     assert "ForeignLoad" in "".join(todo) and "but for the TODO lines" in text
+
+
+def test_a_deck_whose_k_is_stale(tmp_path):
+    """Another modulus, or a support taken away, with K and case of the deck before."""
+    material = "*MATERIAL, NAME=M\n*ELASTIC\n{young}, .3\n*SOLID SECTION, ELSET=BODY, MATERIAL=M\n"
+    whole = COLUMN.format(step="*CLOAD\n7, 3, 1.0\n", behavior="", pair="")
+    head, _, tail = whole.partition("*SURFACE INTERACTION")
+    deck, case = tmp_path / "column.inp", tmp_path / "case.inp"
+    middle = material.format(young=1000) + "*SURFACE INTERACTION"
+    deck.write_text(head + middle + tail)
+    shorter = "".join(
+        part for part in (head, material.format(young=1000), "*BOUNDARY\nFOOT, 1, 3\n")
+    )
+    case.write_text(shorter + "*STEP\n*STATIC\n*CLOAD\n7, 3, 1.0\n*END STEP\n")
+    case.with_suffix(".frd").write_text(FRD)
+    labels = np.repeat(np.arange(5, 9), 3)
+    known = hhr.ForeignMatrix(csr_matrix(identity(12)), labels, np.tile([1, 2, 3], 4), "k.npz")
+    write_npz(tmp_path / "k.npz", known)
+    given = tmp_path / "k.npz", tmp_path / "column.py", case, None
+    write_scene(deck, *given)
+    deck.write_text(head + middle.replace("1000", "700") + tail)
+    with pytest.raises(FileContentError, match=r"ELASTIC of case.inp is not in column.inp"):
+        write_scene(deck, *given)
+    deck.write_text(head + middle + tail.replace("FOOT, 1, 3", "FOOT, 1, 2"))
+    with pytest.raises(FileContentError, match=r"case.inp holds dof [1-4].3, which K has left out"):
+        write_scene(deck, *given)
 
 
 def test_labels_that_the_deck_lacks(tmp_path):
@@ -239,3 +276,15 @@ def test_a_matrix_of_another_type_is_refused_at_the_door(tmp_path):
 @needs("soft_contact")
 def test_written_curves_are_laws():
     assert hhr.SoftContact(exponential=(0.01, 5.0)).exponential == (0.01, 5.0)
+
+
+@needs("studies", "nonmatching")
+def test_a_study_of_a_foreign_scene_writes_its_report(tmp_path):
+    """Without the mesh error, the naive baseline and pictures, which need elements."""
+    scene = foreign_scene(own_block())
+    settings = hhr.StudySettings(hhr.Sobol(12), tests=4, queries=8)
+    study = hhr.study_scene(scene, settings, tmp_path)
+    study.write(tmp_path, view=hhr.View(points=((10.0, 0.2),)))
+    assert (tmp_path / "report.html").stat().st_size > 5000
+    left = {row["stage"]: row["why"] for row in study.report["skipped"]}
+    assert "not of elements" in left["fom_naive"] and "another code" in left["discretisation"]
