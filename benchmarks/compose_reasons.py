@@ -9,8 +9,8 @@ refuses, so that its reasons come first.
 from __future__ import annotations
 
 REFUSED = {
-    "plugins/foreign/case.py:factored": "foreign+preload foreign+tie",
-    "plugins/foreign/parts.py:_labelled": "coupled_force+foreign foreign+periodic",
+    "plugins/floating/kernel.py:_check_idle": "foreign+preload foreign+tie",
+    "plugins/foreign/parts.py:_labelled": "coupled_force+foreign",
     "plugins/foreign/stiffness.py:__call__": "foreign+sliding",
     "plugins/sliding/slide.py:_check_output": "contact_area+sliding",
     "plugins/contact_laws/interface.py:check_areas": "double_pass+soft_contact double_pass+wear",
@@ -83,9 +83,9 @@ _EXPORT = _SMALL | {
 
 REASONS: dict[str, dict[str, str]] = {
     "full": {
-        "plugins/foreign/case.py:factored": (
-            "A section that is tied or drawn together makes two pieces of a body. Its K alone has "
-            "motions of both, which no solved load case of one held piece determines."
+        "plugins/floating/kernel.py:_check_idle": (
+            "Not built in: a section that is tied or drawn together makes two pieces of a block, "
+            "and motions of blocks are looked for without constraints."
         ),
         "plugins/foreign/parts.py:_labelled": (
             "Not built in: nodes of blocks have the labels of their codes, so that a node that a "

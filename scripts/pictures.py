@@ -82,6 +82,18 @@ def _run(script: str, file: str, *others: str, options: tuple[str, ...] = ()) ->
     return Picture(("of_run", script, file, *options), (script, *others))
 
 
+def _thesis(chapter: int, figure: str) -> Picture:
+    """A picture of a chapter of the thesis, which takes some minutes."""
+    folder = "benchmarks/thesis"
+    return _run(
+        f"{folder}/side_by_side.py",
+        f"{figure}.png",
+        f"{folder}/chapter_{chapter}.py",
+        f"{folder}/items.py",
+        options=("--chapter", str(chapter)),
+    )
+
+
 LEAF_SPRING = "demos/meshes/leaf_spring.py"
 FLANGE = "demos/parts/flange_solids.py"
 PICTURES = {
@@ -126,6 +138,12 @@ PICTURES = {
         "demos/sliding_punch.py", "sliding_punch.png", "demos/parts/sliding_punch_study.py"
     ),
     "pictures/sphere_on_block.png": _answer("demos/sphere_on_block.py", SPHERE_MESH, *SPACE),
+    "pictures/thesis_figure_1_9.png": _thesis(1, "figure_1_9"),
+    "pictures/thesis_figure_2_12.png": _thesis(2, "figure_2_12"),
+    "pictures/thesis_figure_3_1_and_3_5.png": _thesis(3, "figure_3_1_and_3_5"),
+    "pictures/thesis_figure_3_9_and_3_10.png": _thesis(3, "figure_3_9_and_3_10"),
+    "pictures/thesis_figure_4_5_and_4_6.png": _thesis(4, "figure_4_5_and_4_6"),
+    "pictures/thesis_figure_5_13.png": _thesis(5, "figure_5_13"),
     "pictures/your_scene.png": _answer("demos/your_scene.py", LEAF_SPRING, *PLANE),
     "page.png": Picture(("of_pellet_page",), (PELLET, *PAGE, _own("of_pellet_page"))),
     "page_flow.png": Picture(

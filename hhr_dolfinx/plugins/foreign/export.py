@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from hhr_dolfinx.errors import NotOfferedError
@@ -22,6 +23,10 @@ from hhr_dolfinx.scene import Scene
 
 CIRCULAR = [0, 1, 3, 2]
 """Corners of a quadrilateral in circular order."""
+
+
+OF_CONSTRAINTS = "slave", "master", "follower", "leader"
+"""Fields of constraints that name surfaces."""
 
 
 def blocks_of_scene(scene: Scene) -> tuple[ForeignBlock, ...]:
@@ -101,6 +106,11 @@ def _tags(scene: Scene) -> Iterator[Tag]:
         tag = getattr(condition, "tag", None)
         if isinstance(tag, int | str):
             yield tag
+    for constraint in scene.constraints:
+        tags = [getattr(constraint, name, None) for name in OF_CONSTRAINTS]
+        yield from (tag for tag in tags if isinstance(tag, int | str))
+        if isinstance(section := getattr(constraint, "section", None), str):
+            yield from (section, f"{section}_other")
 
 
 def _faces(made: Discretisation, tag: Tag) -> Faces:
@@ -113,38 +123,46 @@ def _faces(made: Discretisation, tag: Tag) -> Faces:
 
 
 def _case(matrix: ForeignMatrix, nodes: ForeignNodes) -> SolvedCase:
-    """Displacements by a force on a node, where three nodes at the ends of the block are held.
-
-    They are a corner, the node farthest from it, and that farthest from the line of both: no turn
-    about a line is left.
-    """
+    """Displacements by a force on a node of each connected part, which three of its nodes hold."""
     points = nodes.points
-    corner = int(points.sum(axis=1).argmin())
-    lengths = np.linalg.norm(points - points[corner], axis=1)
-    opposite = int(lengths.argmax())
-    line = (points[opposite] - points[corner]) / lengths[opposite]
-    off_line = np.linalg.norm(np.cross(points - points[corner], line), axis=1)
-    ends = {corner, opposite, int(off_line.argmax())}
-    free = np.setdiff1d(np.arange(len(points)), sorted(ends))
-    node = int(
-        free[
-            np.linalg.norm(points[free][:, None] - points[sorted(ends)], axis=2)
-            .min(axis=1)
-            .argmax()
-        ]
-    )
+    _, of_dofs = connected_components(matrix.matrix, directed=False)
+    held: set[int] = set()
+    loaded = []
+    for part in np.unique(of_dofs):
+        members = np.unique(np.flatnonzero(of_dofs == part) // 3)
+        ends, node = _ends(points, members)
+        held |= ends
+        loaded.append(node)
+    free = np.setdiff1d(np.arange(len(points)), sorted(held))
     dofs = (3 * free[:, None] + np.arange(3)).ravel()
-    forces = np.zeros(3 * len(points))
-    forces[3 * node : 3 * node + 3] = 1.0
+    forces = np.zeros((len(points), 3))
+    forces[loaded] = 1.0
     displacement = np.zeros(3 * len(points))
-    displacement[dofs] = splu(matrix.matrix[dofs][:, dofs].tocsc()).solve(forces[dofs])
+    displacement[dofs] = splu(matrix.matrix[dofs][:, dofs].tocsc()).solve(forces.ravel()[dofs])
     labels = nodes.labels.tolist()
     return SolvedCase(
-        {labels[node]: (1.0, 1.0, 1.0)},
+        {labels[node]: (1.0, 1.0, 1.0) for node in loaded},
         {
             label: (x, y, z)
             for label, (x, y, z) in zip(labels, displacement.reshape(-1, 3).tolist(), strict=True)
         },
-        frozenset((labels[k], direction) for k in ends for direction in (1, 2, 3)),
+        frozenset((labels[k], direction) for k in held for direction in (1, 2, 3)),
         tolerance=1e-8,
     )
+
+
+def _ends(points: np.ndarray, members: np.ndarray) -> tuple[set[int], int]:
+    """Three nodes of a part that hold it, and one far from them.
+
+    They are a corner, the node farthest from it, and that farthest from the line of both: no turn
+    about a line is left.
+    """
+    own = points[members]
+    corner = int(own.sum(axis=1).argmin())
+    lengths = np.linalg.norm(own - own[corner], axis=1)
+    opposite = int(lengths.argmax())
+    line = (own[opposite] - own[corner]) / lengths[opposite]
+    off_line = np.linalg.norm(np.cross(own - own[corner], line), axis=1)
+    ends = sorted({corner, opposite, int(off_line.argmax())})
+    away = np.linalg.norm(own[:, None] - own[ends], axis=2).min(axis=1)
+    return {int(members[k]) for k in ends}, int(members[away.argmax()])

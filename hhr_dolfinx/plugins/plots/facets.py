@@ -6,7 +6,7 @@ import numpy as np
 
 from hhr_dolfinx.geometries.cells import FACES
 from hhr_dolfinx.models.answer_mesh import AnswerMesh
-from hhr_dolfinx.plugins.plots.recovery import (
+from hhr_dolfinx.plugins.plots.cell_kinds import (
     CORNERS_OF_KIND,
     HEXAHEDRON_KINDS,
     QUADRILATERAL_KINDS,

@@ -14,22 +14,17 @@ import numpy as np
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer, Meshed
 from hhr_dolfinx.models.answer_mesh import AnswerMesh
+from hhr_dolfinx.plugins.plots.cell_kinds import (
+    CORNERS_OF_KIND,
+    HEXAHEDRON_KINDS,
+    TETRAHEDRON_KINDS,
+)
 from hhr_dolfinx.plugins.plots.contact_fields import is_full
 from hhr_dolfinx.plugins.plots.surface_fields import SurfaceFields, displacement_seen
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.pages.beside import MeshBeside
 
-TRIANGLE_KINDS = (5, 69)
-QUADRILATERAL_KINDS = (9, 70)
-TETRAHEDRON_KINDS = (10, 71)
-HEXAHEDRON_KINDS = (12, 72)
-"""VTK's numbers of cells: linear and of second order."""
-CORNERS_OF_KIND = dict.fromkeys(TRIANGLE_KINDS, 3) | dict.fromkeys(
-    QUADRILATERAL_KINDS + TETRAHEDRON_KINDS, 4
-)
-CORNERS_OF_KIND |= dict.fromkeys(HEXAHEDRON_KINDS, 8)
-"""Corners of cells by VTK's numbers, which come first."""
 _AXES_OF_HEXAHEDRON = np.array(
     [
         [-1, 1, 1, -1, -1, 1, 1, -1],

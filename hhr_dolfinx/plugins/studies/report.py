@@ -271,7 +271,7 @@ def print_report(report: Report, console: Console) -> None:
     console.print(_sizes_in_words(report))
     console.print(_table(page.ERROR_HEAD, page.error_rows(report["errors"]).values()))
     console.print(_table(page.TIME_HEAD, page.time_rows(report["times"])))
-    if "histories" in report or len(report["work_precision"]) > FEW_METHODS:
+    if "histories" in report or len(report.get("work_precision", ())) > FEW_METHODS:
         console.print(_table(page.METHOD_HEAD, page.method_rows(report["work_precision"])))
     if "outputs" in report:
         console.print(_table(page.OUTPUT_HEAD, page.output_rows(report["outputs"])))

@@ -289,6 +289,7 @@ FUNCTIONS = {
     "write_fields": fields,
     "write_model_page": page,
     "condense_heat": heated,
+    "with_surface_fields": lambda work: work.solved(hhr.with_surface_fields(work.model)),
     "worst": lambda work: [hhr.worst(work.model, "force").proven],
 }
 """Functions of the package by name."""
