@@ -272,6 +272,8 @@ class ContactLaw:
 class Unilateral(ContactLaw):
     """Forces push, surfaces do not overlap, and at each condition the force or the slack is zero:
     thesis (1.21).
+
+    It has no parameters, so ``fixed`` is empty.
     """
 
     remembers: ClassVar[bool] = False

@@ -19,11 +19,11 @@ from hhr_dolfinx.plugins.shapes.functionals import ReshapedFunctionals
 class ReshapedReconstruction(Reconstruction):
     """Reconstruction with gaps and rows of contact of each shape.
 
-    Its own are those in the middle of the box.
+    Its own are those in the middle of the box. Files name the kind of
+    ``functionals``, since those of one shape are another.
     """
 
     surface: Interpolant  #: of ``gaps`` and ``contact_basis``, concatenated
-    #: files name the kind on other shapes
     functionals: ReshapedFunctionals | None = None  # type: ignore[assignment]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:

@@ -17,7 +17,7 @@ from hhr_dolfinx.plugins.soft_contact.curves import ExponentialCurve, LinearCurv
 
 @dataclass(frozen=True, eq=False)
 class SoftContacts(ContactLaw):
-    """Curves of the conditions, (m,)."""
+    """Curves of the conditions, (m,), of which no parameter is ``fixed``."""
 
     plugin: ClassVar[str] = "soft_contact"
     name: ClassVar[str] = "soft contact"

@@ -19,7 +19,10 @@ WORN = "worn_depth"
 
 @dataclass(frozen=True, eq=False)
 class WornConditions(ContactLaw):
-    """Depth that a condition loses per force and second, (m,); zero where nothing wears."""
+    """Depth that a condition loses per force and second, (m,); zero where nothing wears.
+
+    The rates are numbers, not parameters, so ``fixed`` is empty.
+    """
 
     plugin: ClassVar[str] = "wear"
     name: ClassVar[str] = "wear"
