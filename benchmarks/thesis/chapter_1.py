@@ -57,7 +57,7 @@ def decay(cases: Cases) -> Item:
         axis.semilogy(ranks, errors, ".-", label=label)
     axis.set(xlabel="rank", ylabel="relative error", title="figure 1.9, pellet")
     axis.legend()
-    figure.savefig(cases.folder / "figure_1_9.png", dpi=130)
+    figure.savefig(cases.folder / "figure_1_9.png", dpi=300)
     last = {label: errors[-1] for label, errors in lines.items()}
     return Item(
         "figure 1.9",

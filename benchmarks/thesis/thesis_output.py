@@ -41,7 +41,7 @@ def plot_maps(
         )
         axis.set(title=name, xlabel=labels[0], ylabel=labels[1])
     figure.colorbar(image, ax=axes, label="relative error of the contact forces")
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=160)
 
 
 def print_beside(

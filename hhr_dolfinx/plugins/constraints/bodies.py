@@ -36,7 +36,7 @@ def joined_bodies(
     prolongation: Prolongation,
     points: np.ndarray,
     imposed: np.ndarray,
-    hypothesis: str,
+    hypothesis: str | None,
 ) -> list[FreeBody]:
     """Bodies of components, with the motions that vanish on imposed dofs and break no constraint.
 
@@ -45,7 +45,8 @@ def joined_bodies(
         prolongation: prolongation of the constraints.
         points: coordinates of the nodes, (nodes, dim).
         imposed: imposed dofs, (nodes, dim) bool.
-        hypothesis: hypothesis of the scene.
+        hypothesis: hypothesis of the scene; None if motions of a body as a whole are not those of
+            its points, so that only those of its components are known.
     """
     assert prolongation.map is not None
     groups = _groups(components, prolongation.map, points)
@@ -55,11 +56,13 @@ def joined_bodies(
 def _groups(
     components: list[FreeBody], coupling: csr_matrix, points: np.ndarray
 ) -> list[list[FreeBody]]:
-    """Components that constraints join."""
+    """Components that constraints join; nodes may belong to none of them."""
     owner = np.full(len(points), -1)
     for number, component in enumerate(components):
         owner[component.nodes] = number
     rows, columns = (owner[dofs // points.shape[1]] for dofs in coupling.nonzero())
+    owned = (rows >= 0) & (columns >= 0)
+    rows, columns = rows[owned], columns[owned]
     graph = csr_matrix((np.ones(rows.size), (rows, columns)), shape=(len(components),) * 2)
     labels = connected_components(graph, directed=False)[1]
     return [[components[k] for k in np.flatnonzero(labels == label)] for label in np.unique(labels)]
@@ -70,31 +73,31 @@ def _joined(
     prolongation: Prolongation,
     points: np.ndarray,
     imposed: np.ndarray,
-    hypothesis: str,
+    hypothesis: str | None,
 ) -> FreeBody:
     """One body of several components, whose motions satisfy the constraints.
 
     They are those of the body as a whole, unless constraints let its parts move in more ways, as a
     hinge does.
     """
+
+    def left(columns: np.ndarray) -> np.ndarray:
+        """Combinations of columns that vanish on imposed dofs and break no constraint."""
+        return vanishing(np.vstack([columns[imposed.ravel()], prolongation.broken(columns)]))
+
     nodes = np.sort(np.concatenate([component.nodes for component in parts]))
-    motions = rigid_motions(points[nodes], hypothesis)
-    body = FreeBody(
-        " with ".join(component.name for component in parts), nodes, motions, np.eye(len(motions))
-    )
-    fields, apart = (
-        np.hstack([component.columns(len(points)) for component in group])
-        for group in ([body], parts)
-    )
-    # combinations that vanish on imposed dofs and break no constraint
-    held = imposed.ravel()
-    of_whole, of_parts = (
-        vanishing(np.vstack([component[held], prolongation.broken(component)]))
-        for component in (fields, apart)
-    )
-    if len(of_parts) > len(of_whole):
-        return JoinedBody(body.name, nodes, _at_nodes(apart, points, nodes), of_parts, tuple(parts))
-    return replace(body, motions=_at_nodes(fields, points, nodes), left=of_whole)
+    name = " with ".join(component.name for component in parts)
+    apart = np.hstack([component.columns(len(points)) for component in parts])
+    of_parts = left(apart)
+    if hypothesis is not None:
+        motions = rigid_motions(points[nodes], hypothesis)
+        body = FreeBody(name, nodes, motions, np.eye(len(motions)))
+        of_whole = left(body.columns(len(points)))
+        if len(of_parts) <= len(of_whole):
+            return replace(body, left=of_whole)
+    if len(parts) == 1:
+        return replace(parts[0], left=of_parts)
+    return JoinedBody(name, nodes, _at_nodes(apart, points, nodes), of_parts, tuple(parts))
 
 
 def _at_nodes(columns: np.ndarray, points: np.ndarray, nodes: np.ndarray) -> np.ndarray:

@@ -4,6 +4,8 @@ forms.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NoReturn, cast
@@ -215,20 +217,35 @@ class ForeignDiscretisation(Discretisation):
 
     def free_bodies(self, problem: ContactProblem) -> list[FreeBody]:
         """Connected parts of K with the rigid motions along which it does no work, and that
-        supports leave.
+        supports and constraints leave.
 
         Of dofs that K lacks only K says whether they are held (a support) or not (a dof that is not
         retained).
         """
+        fixed = ~problem.prolongation.movable & self.parts.known
+        if self.springs is not None:
+            fixed |= self.springs != 0
+        components = list(self._components(problem))
+        if problem.prolongation.map is None:
+            bodies = [
+                replace(body, left=vanishing(body.motions[:, fixed.reshape(-1, 3)[body.nodes]].T))
+                for body in components
+            ]
+        else:
+            request = f"scene '{self.scene.name}', whose blocks constraints join,"
+            # dofs of K need not be displacements of places, so motions are those of each block
+            bodies = registry.tool("joined_bodies", request)(
+                components, problem.prolongation, problem.points, fixed.reshape(-1, 3), None
+            )
+        bodies = [replace(body, left=self._unresisted(body)) for body in bodies]
+        return [body for body in bodies if len(body.left)]
+
+    def _components(self, problem: ContactProblem) -> Iterator[FreeBody]:
+        """Connected parts of K, with all of their rigid motions."""
         parts = self.parts
         label = components_of_nodes(len(problem.points), problem.cell_nodes)
         motions = np.hstack([placed.motions for placed in parts.made]).reshape(6, -1, 3)
-        fixed = ~problem.prolongation.movable & parts.known
-        if self.springs is not None:
-            fixed |= self.springs != 0
-        fixed = fixed.reshape(-1, 3)
         known_dofs = parts.known.reshape(-1, 3)
-        bodies = []
         for number in np.unique(label[known_dofs.any(axis=1)]):
             nodes = np.flatnonzero(label == number)
             points = problem.points[np.intersect1d(nodes, parts.with_places)]
@@ -238,17 +255,15 @@ class ForeignDiscretisation(Discretisation):
             block = parts.blocks[int(parts.block_of(nodes[:1])[0])]
             where = np.round(points.mean(axis=0), 6).tolist()
             name = f"block '{block.name}' of scene '{self.scene.name}', around {where},"
-            ways = vanishing(about_middle[:, fixed[nodes]].T)
-            dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
-            ways = self._unresisted(about_middle.reshape(6, -1), dofs, ways)
-            bodies.append(FreeBody(name, nodes, about_middle * known_dofs[nodes], ways))
-        return [body for body in bodies if len(body.left)]
+            yield FreeBody(name, nodes, about_middle * known_dofs[nodes], np.eye(6))
 
-    def _unresisted(self, motions: np.ndarray, dofs: np.ndarray, ways: np.ndarray) -> np.ndarray:
-        """Combinations of motions, (l, 6), of those given, (k, 6), along which K does no work up to
-        its digits.
+    def _unresisted(self, body: FreeBody) -> np.ndarray:
+        """Combinations of motions of a body, (l, k), of those left, along which K does no work up
+        to its digits.
         """
-        columns = ways @ (motions * self.parts.known[dofs])
+        ways = body.left
+        dofs = (3 * body.nodes[:, None] + np.arange(3)).ravel()
+        columns = ways @ body.motions.reshape(len(body.motions), -1)
         stiffness = sum(self.parts.matrices[1:], start=self.parts.matrices[0])[dofs][:, dofs]
         energies = columns @ (stiffness @ columns.T)
         sizes = np.abs(columns) @ (abs(stiffness) @ np.abs(columns).T)

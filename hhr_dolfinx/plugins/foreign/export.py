@@ -25,8 +25,8 @@ CIRCULAR = [0, 1, 3, 2]
 """Corners of a quadrilateral in circular order."""
 
 
-OF_CONSTRAINTS = "slave", "master", "follower", "leader"
-"""Fields of constraints that name surfaces."""
+NAMING = "tag", "place", "slave", "master", "follower", "leader"
+"""Fields of displacements, loads and constraints that name surfaces."""
 
 
 def blocks_of_scene(scene: Scene) -> tuple[ForeignBlock, ...]:
@@ -102,14 +102,10 @@ def _tags(scene: Scene) -> Iterator[Tag]:
     """Tags of surfaces that a scene names."""
     for contact in scene.contacts:
         yield from contact.tags
-    for condition in (*scene.displacements, *scene.loads):
-        tag = getattr(condition, "tag", None)
-        if isinstance(tag, int | str):
-            yield tag
-    for constraint in scene.constraints:
-        tags = [getattr(constraint, name, None) for name in OF_CONSTRAINTS]
+    for item in (*scene.displacements, *scene.loads, *scene.constraints):
+        tags = [getattr(item, name, None) for name in NAMING]
         yield from (tag for tag in tags if isinstance(tag, int | str))
-        if isinstance(section := getattr(constraint, "section", None), str):
+        if isinstance(section := getattr(item, "section", None), str):
             yield from (section, f"{section}_other")
 
 
