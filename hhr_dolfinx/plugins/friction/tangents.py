@@ -246,7 +246,7 @@ def tangents_of(normals: np.ndarray) -> np.ndarray:
         return np.stack([-normals[:, 1], normals[:, 0]], axis=1)[:, None, :]
     # one axis for the whole surface if it is nowhere a normal: neighbours agree, and so do changed
     # shapes
-    common = np.abs(normals).max(axis=0)
+    common = np.abs(normals).max(axis=0, initial=0.0)
     axes = np.full(m, common.argmin()) if common.min() < STEEP else np.abs(normals).argmin(axis=1)
     axis = np.zeros((m, 3))
     axis[np.arange(m), axes] = 1.0

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
@@ -22,6 +23,7 @@ from hhr_dolfinx.pairings.surface import SlaveAndMaster, Surface
 from hhr_dolfinx.plugins.friction.tangents import tangents_of
 from hhr_dolfinx.plugins.sliding.beside import BesideTools
 from hhr_dolfinx.plugins.sliding.repairing import no_friction, nodes_of
+from hhr_dolfinx.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,22 @@ def _along(rows: ContactRows) -> ContactRows:
     return ContactRows(matrix, nothing, slaves, np.repeat(rows.points, dim - 1, axis=0), nothing)
 
 
+def discretised(scene: Scene, comm: MPI.Comm) -> SurfacesThatSlide:
+    """Finite element model of such a scene, by the class of its system if that brings one.
+
+    Args:
+        scene: the scene.
+        comm: communicator of its mesh.
+    """
+    made: type[Discretisation] = getattr(scene.system, "discretised", Discretisation)
+    if made is Discretisation:
+        return SurfacesThatSlide(scene, comm)
+    kind = type(f"{made.__name__}ThatSlides", (SurfacesThatSlide, made), {})
+    model: SurfacesThatSlide = kind(scene, comm)
+    return model
+
+
 class FullOrderOfSurfaces(FullOrderModel):
     """Full order of such a scene."""
 
-    discretised = SurfacesThatSlide
+    discretised = staticmethod(discretised)
