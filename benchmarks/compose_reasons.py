@@ -9,9 +9,6 @@ refuses, so that its reasons come first.
 from __future__ import annotations
 
 REFUSED = {
-    "plugins/floating/kernel.py:_check_idle": "foreign+preload foreign+tie",
-    "plugins/foreign/parts.py:_labelled": "coupled_force+foreign",
-    "plugins/foreign/stiffness.py:__call__": "foreign+sliding",
     "plugins/sliding/slide.py:_check_output": "contact_area+sliding",
     "plugins/contact_laws/interface.py:check_areas": "double_pass+soft_contact double_pass+wear",
     "plugins/shapes/reshaped.py:_check_areas": "own_contact_law+shape",
@@ -83,18 +80,6 @@ _EXPORT = _SMALL | {
 
 REASONS: dict[str, dict[str, str]] = {
     "full": {
-        "plugins/floating/kernel.py:_check_idle": (
-            "Not built in: a section that is tied or drawn together makes two pieces of a block, "
-            "and motions of blocks are looked for without constraints."
-        ),
-        "plugins/foreign/parts.py:_labelled": (
-            "Not built in: nodes of blocks have the labels of their codes, so that a node that a "
-            "constraint names by its place in the mesh may be of several."
-        ),
-        "plugins/foreign/stiffness.py:__call__": (
-            "Where surfaces slide, they are paired again from the cells of a mesh, and K of "
-            "another code has none."
-        ),
         "plugins/contact_laws/interface.py:check_areas": (
             "Both passes have areas, which overlap: a law of pressures divides forces by areas, "
             "and those of a condition are no part of the surface of its own."

@@ -219,7 +219,7 @@ def _draw(found: dict[str, list[dict[str, float]]], cases: Cases) -> None:
     modes.set(xlabel="answers", ylabel="modes before enrichment", title="figure 2.12b")
     for axis in (errors, modes):
         axis.legend(fontsize=8)
-    figure.savefig(cases.folder / "figure_2_12.png", dpi=170)
+    figure.savefig(cases.folder / "figure_2_12.png", dpi=180)
 
 
 def chordal(cases: Cases) -> Item:

@@ -135,7 +135,7 @@ def _draw_kappa(found: dict[str, list[Enriched]], cases: Cases) -> None:
     by_modes.set(xlabel="modes", ylabel="error of forces", title="figure 3.5a, (170 MPa, 3.2 mm)")
     for axis in (by_kappa, by_modes):
         axis.legend(fontsize=8)
-    figure.savefig(cases.folder / "figure_3_1_and_3_5.png", dpi=170)
+    figure.savefig(cases.folder / "figure_3_1_and_3_5.png", dpi=180)
 
 
 def discs(cases: Cases) -> Iterator[Item]:
