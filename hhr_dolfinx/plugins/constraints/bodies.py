@@ -62,8 +62,8 @@ def _groups(
         owner[component.nodes] = number
     rows, columns = (owner[dofs // points.shape[1]] for dofs in coupling.nonzero())
     owned = (rows >= 0) & (columns >= 0)
-    rows, columns = rows[owned], columns[owned]
-    graph = csr_matrix((np.ones(rows.size), (rows, columns)), shape=(len(components),) * 2)
+    joins = rows[owned], columns[owned]
+    graph = csr_matrix((np.ones(owned.sum()), joins), shape=(len(components),) * 2)
     labels = connected_components(graph, directed=False)[1]
     return [[components[k] for k in np.flatnonzero(labels == label)] for label in np.unique(labels)]
 
