@@ -484,5 +484,8 @@ def test_sizes_in_the_file_are_those_of_the_scenes():
 
 @pytest.mark.parametrize("page", [figures.README, *DOCS], ids=lambda page: page.stem)
 def test_no_page_quotes_what_no_longer_holds(page):
-    stale = r"(?<![\d.])69 ms|47 queries|(?<!\d)0\.33 ms|times the full order, 208|refused by local models|3700 tests"
+    stale = (
+        r"(?<![\d.])69 ms|47 queries|(?<!\d)0\.33 ms|times the full order, 208|"
+        "refused by local models|3700 tests"
+    )
     assert not re.search(stale, page.read_text())
