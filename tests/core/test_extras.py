@@ -60,7 +60,7 @@ NEEDED = {
         "medoids([[0.0, 1.0], [1.0, 0.0]], 1)"
     ),
     "rivals": (
-        "from hhr_dolfinx.plugins.rivals.cones import nonnegative_factors; "
+        "from hhr_dolfinx.plugins.rivals.factors import nonnegative_factors; "
         "nonnegative_factors(None, 1)"
     ),
     "mortar": "from hhr_dolfinx.geometries.two_blocks import side\n"

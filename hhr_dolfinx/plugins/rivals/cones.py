@@ -6,7 +6,6 @@ reader, it is 20 and 40 dual functions with as many modes as POD at 1e-10 has, a
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING
@@ -15,8 +14,8 @@ import numpy as np
 from scipy import linalg
 from scipy.optimize import nnls
 
-from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.plugins.rivals.factors import nonnegative_factors
 from hhr_dolfinx.plugins.rivals.projection import (
     ConeModel,
     check_elastic,
@@ -202,23 +201,3 @@ def greedy_cone(forces: np.ndarray, count: int, *, relative: bool = False) -> np
             break
         chosen.append(int(distances.argmax()))
     return directions[:, chosen]
-
-
-def nonnegative_factors(forces: np.ndarray, count: int) -> np.ndarray:
-    """Left factor of a non-negative factorisation of forces, over its norms, (N_lambda, r).
-
-    Args:
-        forces: forces, (N_lambda, S).
-        count: most columns.
-    """
-    with extra("rivals", "a basis of non-negative factors"):
-        from sklearn.decomposition import NMF
-
-    count = min(count, *forces.shape)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that it stopped at max_iter: factors are used as they are
-        factors = NMF(count, init="nndsvda", max_iter=2000, tol=1e-7, random_state=0).fit_transform(
-            np.maximum(forces, 0.0)
-        )
-    factors = factors[:, np.linalg.norm(factors, axis=0) > 0]
-    return np.asarray(factors / np.linalg.norm(factors, axis=0))
