@@ -96,6 +96,7 @@ def train(
     from mpi4py import MPI
 
     from hhr_dolfinx.command.loading import scene_of
+    from hhr_dolfinx.models.model import with_fields
     from hhr_dolfinx.online.model_file import save_model
     from hhr_dolfinx.registry import write_companions
     from hhr_dolfinx.study.training.train import train as trained
@@ -138,24 +139,6 @@ def train(
     )
     console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
     console.print(f"model: {target}")
-
-
-def with_fields(model: KeptModel, fields: str) -> KeptModel:
-    """The model with the fields of the option ``--fields``.
-
-    Args:
-        model: the model.
-        fields: ``all``, ``none``, or ``surface`` for those on the outside of bodies in space.
-
-    Raises:
-        NotOfferedError: for ``surface`` without the plug-in that draws them.
-    """
-    if fields == "surface":
-        from hhr_dolfinx.registry import tool
-
-        made: KeptModel = tool("surface", "fields on the outside of bodies")(model)
-        return made
-    return model if fields == "all" else model.without_fields()
 
 
 def _condensed(scene: Scene) -> tuple[FullOrderModel, KeptModel]:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, Unpack
 
 import numpy as np
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
@@ -533,3 +534,20 @@ class KeptModel(AnsweringModel):
         if self.fields.functionals is not None:
             count = 0 if self.fields.flow is None else self.fields.flow.places
             self.fields.functionals.check(self.parameters, self.conditions, count)
+
+
+def with_fields(model: KeptModel, fields: bool | str) -> KeptModel:
+    """The model with the fields that are requested.
+
+    Args:
+        model: the model.
+        fields: ``all`` or True, ``none`` or False, or ``surface`` for those on the outside of
+            bodies in space.
+
+    Raises:
+        NotOfferedError: for ``surface`` without the plug-in that draws them.
+    """
+    if fields == "surface":
+        made: KeptModel = registry.tool("surface", "fields on the outside of bodies")(model)
+        return made
+    return model if fields in (True, "all") else model.without_fields()

@@ -49,7 +49,7 @@ from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.answer import Path as AnswerPath
 from hhr_dolfinx.models.estimates import check_asked, relative_errors
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.models.model import AnsweringModel, KeptModel
+from hhr_dolfinx.models.model import AnsweringModel, KeptModel, with_fields
 from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.parameters import check_counts
@@ -228,7 +228,7 @@ def _found(context: SearchContext, kept: Path | None) -> tuple[KeptModel, Reduct
                 )  # of histories, as long as training answers
                 limited = context.full.strains.corners(context.full, model)
                 reduction = replace(reduction, seconds=context.clock.seconds)
-                limited = _stored(limited, context.fields)
+                limited = with_fields(limited, context.fields)
                 if limited is not model:
                     reduction = replace(reduction, answered=_share_answered(context, limited))
                 result = model, reduction = limited, reduction
@@ -487,14 +487,6 @@ class _Found:
         self.models.append(model)
 
 
-def _stored(model: KeptModel, fields: bool | str) -> KeptModel:
-    """A model with the fields that were requested."""
-    if fields == "surface":
-        with_surface: KeptModel = registry.tool("surface", "fields on the outside of bodies")(model)
-        return with_surface
-    return model if fields else model.without_fields()
-
-
 def _try(context: SearchContext, attempt: Proposal) -> tuple[KeptModel | None, Tried]:
     clock = Stopwatch()
     # the search checks errors in its norms
@@ -504,7 +496,7 @@ def _try(context: SearchContext, attempt: Proposal) -> tuple[KeptModel | None, T
     context.checking = True
     seconds = clock.seconds
     limit = context.budget.bytes
-    stored = _stored(model, context.fields)
+    stored = with_fields(model, context.fields)
     size = 0 if limit is None else _size(stored)
     tried = Tried(attempt.method, attempt.setting, context.solved, seconds, bytes=size)
     if limit is not None and size > limit:

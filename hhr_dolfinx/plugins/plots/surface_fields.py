@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 FACET_NODES = 3
 """Nodes on the outside from which a cell may have a facet there."""
-SINGLE_PRECISION = 6e-8
-"""Relative error of entries that are rounded to single precision, half of 2^-23."""
 
 
 @dataclass(frozen=True)
