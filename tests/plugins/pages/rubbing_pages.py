@@ -53,11 +53,15 @@ LOADS = [
 
 
 def loads_of(model):
-    """These loads; in space aside too, and to and fro."""
+    """These loads; in space aside too, and to and fro.
+
+    There they are smaller: where tractions turn round at half of them, Newton's statuses cycle or
+    not by round-off, and where they cycle one search cuts the increment and another does not.
+    """
     if model.dimension == 2:
         return [np.array(point) for point in LOADS]
     return [
-        np.array([push, 0.5 * shear, 0.05 * push * np.sin(k)])
+        np.array([push, 0.3 * shear, 0.03 * push * np.sin(k)])
         for k, (push, shear) in enumerate(LOADS)
     ]
 
