@@ -9,7 +9,6 @@ refuses, so that its reasons come first.
 from __future__ import annotations
 
 REFUSED = {
-    "plugins/sliding/slide.py:_check_output": "contact_area+sliding",
     "plugins/contact_laws/interface.py:check_areas": "double_pass+soft_contact double_pass+wear",
     "plugins/shapes/reshaped.py:_check_areas": "own_contact_law+shape",
     "plugins/constraints/couplings.py:equations": "axisymmetric+rigid_motion",
@@ -17,9 +16,7 @@ REFUSED = {
     "plugins/inelastic/outside.py:statement": "external_law+plane_stress",
     "plugins/shapes/reshaped.py:_check_constraints": "mean_motion+shape rigid_motion+shape",
     "plugins/shapes/reshaped.py:check_still": "moving_circle+shape",
-    "plugins/sliding/slide.py:_check": (
-        "double_pass+sliding own_contact_law+sliding sliding+soft_contact sliding+wear"
-    ),
+    "plugins/sliding/slide.py:_check": "double_pass+sliding",
     "plugins/sliding/slide.py:_check_bodies": (
         "external_law+sliding norton+sliding own_body_law+sliding shape+sliding sliding+voce"
     ),
@@ -84,10 +81,6 @@ REASONS: dict[str, dict[str, str]] = {
             "Both passes have areas, which overlap: a law of pressures divides forces by areas, "
             "and those of a condition are no part of the surface of its own."
         ),
-        "plugins/sliding/slide.py:_check_output": (
-            "Not built in: areas of nodes are those of one pairing, and where surfaces slide it "
-            "is made again."
-        ),
         "plugins/shapes/reshaped.py:_check_areas": (
             "Not built in: a force is a pressure times an area, which changes with the shape of "
             "the slave's body, and the law keeps the areas of one shape. A law of ratios of "
@@ -118,8 +111,7 @@ REASONS: dict[str, dict[str, str]] = {
         ),
         "plugins/sliding/slide.py:_check": (
             "While surfaces slide, nodes of one pass those of the other, where rows of both "
-            "passes are dependent: pressures have no single value. Laws of contacts beside "
-            "friction: not built in."
+            "passes are dependent: pressures have no single value."
         ),
         "plugins/sliding/slide.py:_check_bodies": (
             "Not built in: increments that pair surfaces again solve for forces by one compliance "

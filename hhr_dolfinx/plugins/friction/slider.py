@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.memory import Memory
+from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.gradient import Gradient
@@ -53,6 +53,8 @@ class SlidingState(NamedTuple):
     """Displacement of, and forces on, all dofs of surfaces, (n,), for surfaces that are paired
     again.
     """
+    laws: Memory = NO_MEMORY
+    """What laws of other plug-ins remember, of such surfaces."""
 
 
 class SolvedSliding(NamedTuple):
@@ -226,16 +228,13 @@ class Slider:
         found: Sliding,
         slip: SlipState,
         changes: tuple[np.ndarray, np.ndarray],
-        *of_surfaces: np.ndarray,
     ) -> SlidingState:
         """State at the end of an increment, whose forces count for the unit of errors."""
         if found.status is Status.CONVERGED:
             self.largest = max(self.largest, float(np.linalg.norm(found.forces)))
         gap = found.slack[self.friction.normal]
         state = found.forces, found.active, gap, slip
-        return SlidingState(
-            target.point, target.time, *state, target.weights, *changes, *of_surfaces
-        )
+        return SlidingState(target.point, target.time, *state, target.weights, *changes)
 
     def _gradient(
         self,

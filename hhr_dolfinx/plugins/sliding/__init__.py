@@ -9,6 +9,8 @@ PLUGIN = Plugin(
     classes={
         "hhr_dolfinx.plugins.sliding.beside": "BesideTools",
         "hhr_dolfinx.plugins.sliding.model": "SlidingModel",
+        "hhr_dolfinx.plugins.sliding.outputs": "LargestOfSlaves LoadedOfSlaves",
+        "hhr_dolfinx.plugins.sliding.pressures": "FrictionBesideLaws",
         "hhr_dolfinx.plugins.sliding.repairing": "SlidingPair",
     },
     switches={"hhr_dolfinx.plugins.sliding.switches": "sliding"},

@@ -25,7 +25,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.rows import ContactRows, normals_of
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import NeverFacingError, PairingWarning, SceneWarning
-from hhr_dolfinx.memory import Memory
+from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.pairings.surface import Surface, area_vectors
 from hhr_dolfinx.plugins.friction.laws import Friction, SlipState
@@ -34,6 +34,7 @@ from hhr_dolfinx.plugins.friction.sliding_set import Sliding, SlidingContact, Sl
 from hhr_dolfinx.plugins.friction.tangents import tangents_of
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
 from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
+from hhr_dolfinx.plugins.sliding.pressures import FrictionBesideLaws, PressureLaws
 from hhr_dolfinx.warn import ignored, warn
 
 if TYPE_CHECKING:
@@ -202,6 +203,8 @@ class RepairingSlider(Slider):
         self.rows = self.kept + self.count * self.dim
         self.dofs = slice(self.kept, self.kept + self.dim * sum(pair.nodes for pair in self.pairs))
         self._warned = self._far_along = False
+        law = self.friction
+        self._laws = PressureLaws(law) if isinstance(law, FrictionBesideLaws) else None
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> SlidingState:
         """Undeformed bodies as meshed, without slip.
@@ -214,12 +217,15 @@ class RepairingSlider(Slider):
         free_slack = self._contact_at(point).free_slack
         nothing = np.zeros(len(free_slack))
         slack_of_fixed = free_slack[self.friction.normal[self.count :]]
-        gap = np.concatenate([self.paired(nothing, nothing, point).gap, slack_of_fixed])
+        of_slaves = self.paired(nothing, nothing, point).gap
+        gap = np.concatenate([of_slaves, slack_of_fixed])
         slip = SlipState.at_rest(self.friction, gap, point)
         changes = self._no_changes, self._no_changes
-        return SlidingState(
-            point, time, np.zeros(self.rows), None, gap, slip, weights, *changes, nothing, nothing
-        )
+        gaps = np.concatenate([free_slack[: self.kept], of_slaves])
+        laws = NO_MEMORY if self._laws is None else self._laws.at_rest(gaps, point)
+        forces = np.zeros(self.rows)
+        rest = SlidingState(point, time, forces, None, gap, slip, weights, *changes)
+        return rest._replace(displacement=nothing, surface_forces=nothing, laws=laws)
 
     def increment(self, before: SlidingState, target: IncrementEnd) -> SolvedSliding:
         """Solve one increment; it may not converge.
@@ -236,7 +242,7 @@ class RepairingSlider(Slider):
         last = 1e-300
         for _ in range(PAIRINGS):
             paired = self.paired(displacement, before.displacement, point)
-            solution, bound = self._solved_on(contact.schur, free, paired, before, point)
+            solution, bound, laws = self._solved_on(contact.schur, free, paired, before, target)
             surface_forces = paired.matrix.T @ solution.forces
             displacement = free - contact.schur @ surface_forces
             change = np.abs(displacement - paired.at)[self.dofs].max() / self.facet
@@ -253,8 +259,8 @@ class RepairingSlider(Slider):
         slip = before.slip.after(
             self.friction, solution.forces, solution.slack, solution.active, bound
         )
-        reached = self._reached(
-            target, solution, slip, (before.changes, before.closing), displacement, surface_forces
+        reached = self._reached(target, solution, slip, (before.changes, before.closing))._replace(
+            displacement=displacement, surface_forces=surface_forces, laws=laws
         )
         return SolvedSliding(solution, reached, contact, None)
 
@@ -264,9 +270,12 @@ class RepairingSlider(Slider):
         free: np.ndarray,
         paired: Paired,
         before: SlidingState,
-        point: np.ndarray,
-    ) -> tuple[Sliding, np.ndarray]:
-        """Solution of an increment on one pairing, and limits of tangential forces, (C,)."""
+        target: IncrementEnd,
+    ) -> tuple[Sliding, np.ndarray, Memory]:
+        """Solution of an increment on one pairing, limits of tangential forces, (C,), and what laws
+        of pressures remember.
+        """
+        point = target.point
         rows = paired.matrix
         schur = rows @ (rows @ compliance).T
         pressures = slice(self.kept, self.kept + self.count)
@@ -286,10 +295,13 @@ class RepairingSlider(Slider):
         )  # Tresca's law holds at no pressure too
         increment = SlidingIncrement(slack, coefficient, limit, np.zeros(0))
         friction = self._with_held(np.diag(schur), idle)
-        solution = SlidingContact(schur, friction).increment(
-            increment, before.forces, before.active
-        )
-        return solution, increment.bounds(self.friction, solution.forces)
+        if self._laws is None:
+            contact = SlidingContact(schur, friction)
+            solution = contact.increment(increment, before.forces, before.active)
+            memory = NO_MEMORY
+        else:
+            solution, memory = self._laws.solved(schur, friction, increment, before, target)
+        return solution, increment.bounds(self.friction, solution.forces), memory
 
     def _check_imposed(self, gap: np.ndarray, diagonal: np.ndarray, point: np.ndarray) -> None:
         """Warn once of contacts, (C,), that penetrate while all of their nodes are imposed."""
@@ -418,7 +430,7 @@ class RepairingSlider(Slider):
             forces,
             active,
             *outcome,
-            memory=Memory(slip=reached.slip),
+            memory=Memory(slip=reached.slip) | reached.laws,
         )
 
 

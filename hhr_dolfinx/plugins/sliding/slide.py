@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from mpi4py import MPI
 
 from hhr_dolfinx import registry
+from hhr_dolfinx.contact.law import PairLaw
 from hhr_dolfinx.contact.rows import ContactRows, normals_of
 from hhr_dolfinx.errors import SceneError, SceneWarning
 from hhr_dolfinx.full_order.checks import warn_of_idle_parameters
@@ -23,7 +24,15 @@ from hhr_dolfinx.plugins.mortar.pairing import Mortar
 from hhr_dolfinx.plugins.nonmatching.double_pass import DoublePass
 from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
 from hhr_dolfinx.plugins.sliding.model import SlidingModel
-from hhr_dolfinx.plugins.sliding.repairing import SlidingPair, layout, nodes_of, renumbered
+from hhr_dolfinx.plugins.sliding.outputs import KINDS, OfSlaves
+from hhr_dolfinx.plugins.sliding.pressures import beside_laws, on_slaves
+from hhr_dolfinx.plugins.sliding.repairing import (
+    SlidingPair,
+    layout,
+    no_friction,
+    nodes_of,
+    renumbered,
+)
 from hhr_dolfinx.plugins.sliding.surface_dofs import (
     FullOrderOfSurfaces,
     SurfaceDofs,
@@ -67,7 +76,8 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
     )
     # rows of dofs have no law of friction, whose parameters the scene names
     with ignored(SceneWarning, about=" have no effect"):
-        full = FullOrderOfSurfaces(dataclasses.replace(scene, contacts=contacts), MPI.COMM_SELF)
+        surfaces_alone = dataclasses.replace(scene, contacts=contacts, outputs=_outputs(scene))
+        full = FullOrderOfSurfaces(surfaces_alone, MPI.COMM_SELF)
     problem = full.problem
     warn_of_idle_parameters(scene, problem.amplitudes)
     if problem.held_by_contact:
@@ -81,7 +91,7 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
             f"moduli of scene '{scene.name}' depend on parameters: condensed models of bodies "
             "that slide are of constant ones. Give numbers, or take condensed=False"
         )
-    pairs = tuple(_pairs(full, scene))
+    pairs = dict(_pairs(full, scene))
     laws = [
         FrictionLaw.of(
             law if isinstance(law, Coulomb | Tresca) else Coulomb(0.0),
@@ -98,11 +108,22 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
     fixed = np.array(
         [k for k, name in enumerate(scene.parameters.names) if name in scene.named], dtype=np.int64
     )
-    law_of_others = problem.law
-    assert isinstance(law_of_others, Friction)
-    law = layout(pairs, laws, fixed, problem.block_size, law_of_others)
-    assert isinstance(full.discretisation, SurfacesThatSlide)
-    return SlidingModel(base, pairs, law, full.discretisation.beside)
+    surfaces = full.discretisation
+    assert isinstance(surfaces, SurfacesThatSlide)
+    rubs = problem.law.of("friction")
+    others = rubs if isinstance(rubs, Friction) else no_friction(problem.block_size)
+    sliding = tuple(pairs.values())
+    friction = layout(sliding, laws, fixed, problem.block_size, others)
+    pressing = {number: law for number, law in enumerate(scene.laws) if _is_of_others(law)}
+    of_slaves = {number: law for number, law in pressing.items() if number in pairs}
+    ranges = on_slaves(of_slaves, pairs, surfaces) if of_slaves else ()
+    law = beside_laws(friction, problem.law, ranges, sliding[0].first)
+    return SlidingModel(base, sliding, law, surfaces.beside)
+
+
+def _is_of_others(law: PairLaw | None) -> TypeGuard[PairLaw]:
+    """True for a law that is not friction."""
+    return law is not None and law.plugin != Friction.plugin
 
 
 def _slides(item: Pairing) -> bool:
@@ -130,13 +151,6 @@ def _check(scene: Scene) -> None:
             f"no contact of scene '{scene.name}' has two surfaces that slide: take "
             "hhr.condense(scene)"
         )
-    for number, law in enumerate(scene.laws):
-        if not (law is None or isinstance(law, Coulomb | Tresca)):
-            raise SceneError(
-                f"contact {number} of scene '{scene.name}' has a law, {law.words}, that is not "
-                "built in where surfaces slide past their mesh: increments that pair them again "
-                "solve for friction alone"
-            )
     _check_bodies(scene)
     for output in scene.outputs:
         _check_output(scene, output)
@@ -160,6 +174,17 @@ def _check_bodies(scene: Scene) -> None:
         )
 
 
+def _outputs(scene: Scene) -> tuple[Output, ...]:
+    """Outputs of a scene; those of pressures of pairs that slide read the slave nodes."""
+    slaves = {k: pair.tags[0] for k, pair in enumerate(scene.contacts) if _slides(pair)}
+    return tuple(
+        OfSlaves.of(output, slaves)
+        if isinstance(output, KINDS) and output.contact in slaves
+        else output
+        for output in scene.outputs
+    )
+
+
 def _check_output(scene: Scene, output: Output) -> None:
     """Raise SceneError for an output of surfaces that depends on their position."""
     if isinstance(output, OfContact) and output.contact < len(scene.contacts):
@@ -168,6 +193,7 @@ def _check_output(scene: Scene, output: Output) -> None:
     import_paths = registry.named("public")
     kinds = (
         *OUTPUTS,
+        *KINDS,
         *(
             registry.load(import_paths[name])
             for name in ("VonMises", "ElasticEnergy")
@@ -178,12 +204,12 @@ def _check_output(scene: Scene, output: Output) -> None:
         names = ", ".join(kind.__name__ for kind in kinds)
         raise SceneError(
             f"output '{output.name}' is not built in where surfaces slide past their mesh: "
-            f"{names} are; pressures, slip and wear are in an answer's slip"
+            f"{names} are; slip and wear are in an answer's slip"
         )
 
 
-def _pairs(full: FullOrderOfSurfaces, scene: Scene) -> Iterator[SlidingPair]:
-    """The surfaces of each pair that slides.
+def _pairs(full: FullOrderOfSurfaces, scene: Scene) -> Iterator[tuple[int, SlidingPair]]:
+    """The surfaces of each pair that slides, by its number.
 
     Errors of the pairing if they do not face each other as meshed.
     """
@@ -211,9 +237,8 @@ def _pairs(full: FullOrderOfSurfaces, scene: Scene) -> Iterator[SlidingPair]:
                     "one contact of both, of one tag"
                 )
         clearance = _clearance(scene, number, slave, rows)
-        yield SlidingPair(
-            pairing, slave, master, first, nodes.size, clearance, _opening(scene, number)
-        )
+        opening = _opening(scene, number)
+        yield number, SlidingPair(pairing, slave, master, first, nodes.size, clearance, opening)
         first += points.size
 
 

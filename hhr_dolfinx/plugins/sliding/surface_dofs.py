@@ -12,7 +12,8 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.contact.law import ContactLaw
+from hhr_dolfinx.contact.law import ContactLaw, PairLaw
+from hhr_dolfinx.contact.prolongation import Prolongation
 from hhr_dolfinx.contact.rows import ContactRows, joined, normals_of
 from hhr_dolfinx.contact.shares import Shares
 from hhr_dolfinx.full_order.discretisation import Discretisation
@@ -22,6 +23,7 @@ from hhr_dolfinx.pairings.obstacle import Obstacle
 from hhr_dolfinx.pairings.surface import SlaveAndMaster, Surface
 from hhr_dolfinx.plugins.friction.tangents import tangents_of
 from hhr_dolfinx.plugins.sliding.beside import BesideTools
+from hhr_dolfinx.plugins.sliding.pressures import before_dofs
 from hhr_dolfinx.plugins.sliding.repairing import no_friction, nodes_of
 from hhr_dolfinx.scene import Scene
 
@@ -66,6 +68,7 @@ class SurfacesThatSlide(Discretisation):
     """
 
     beside = BesideTools.none()
+    _prolongation: Prolongation
 
     def conditions(
         self,
@@ -90,6 +93,7 @@ class SurfacesThatSlide(Discretisation):
         dofs = rows.take(np.flatnonzero(slide))
         of_dofs = pairs[slide]
         law: ContactLaw = no_friction(rows.points.shape[1])
+        self._prolongation = eliminated.prolongation
         lifts = eliminated.prolongation.lifts
         if slide.all():
             return dofs, pairs, -(dofs.matrix @ lifts).toarray(), law, None
@@ -97,10 +101,11 @@ class SurfacesThatSlide(Discretisation):
         fixed, of_pairs, gaps, law_of_pairs, shares = super().conditions(
             rows.take(fixed_rows), pairs[fixed_rows], opened[fixed_rows], eliminated, amplitudes
         )
-        law = law_of_pairs if law_of_pairs.remembers else law
+        law = law_of_pairs if law_of_pairs.plugin else law
         self.beside = self._beside_tools(fixed, of_pairs, law)
         along = _along(fixed.take(self.beside.conditions))
         moving = joined([dofs, along])
+        law = before_dofs(law, of_pairs.size, of_pairs.size + moving.gap.size)
         gaps = np.vstack(
             [gaps, -(moving.matrix @ lifts).toarray()]
         )  # openings add to gaps of pairs, not of dofs
@@ -113,6 +118,24 @@ class SurfacesThatSlide(Discretisation):
             law,
             shares,
         )
+
+    @property
+    def dofs(self) -> int:
+        """Number of dofs of the mesh, N."""
+        return self._prolongation.movable.size
+
+    def laws_on(
+        self, laws: dict[int, PairLaw], rows: ContactRows, pairs: np.ndarray
+    ) -> tuple[ContactRows, ContactLaw]:
+        """Rows with those that laws append, and the law on all of them.
+
+        Args:
+            laws: laws by pair.
+            rows: conditions of pressures.
+            pairs: contact of each, (n,).
+        """
+        longer, _, law = self._with_laws(laws, rows, pairs, self._prolongation)
+        return longer, law
 
     def _beside_tools(self, rows: ContactRows, pairs: np.ndarray, law: ContactLaw) -> BesideTools:
         """Conditions of curved tools, with the largest facet at each slave node."""

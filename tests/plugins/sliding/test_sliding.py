@@ -240,7 +240,7 @@ def test_what_is_not_built_in_is_refused_by_name(rough):
     pressed = hhr.Pressure(side(SECOND, 1, True), slope("push"))
     changes = {
         "is a NodeToNode": {"contacts": (hhr.NodeToNode(*faces, (0.0, -1.0)),)},
-        "'peak' is not built in": {"outputs": (hhr.LargestPressure("peak", 0),)},
+        "'gap' is not built in": {"outputs": (hhr.GapAt("gap", 0, (0.0, 0.0)),)},
         # arms are those of the mesh
         "'turns' is not built in": {"outputs": (hhr.ContactMoment("turns", 0, (0.0, 0.0)),)},
         "contact alone holds": {"displacements": scene.displacements[:3], "loads": (pressed,)},

@@ -57,6 +57,9 @@ def mirrored(pairing, **others) -> hhr.Scene:
         hhr.ContactForce("tool", 1, (1.0, 0.0)),
         hhr.ContactForce("rubs", 2, (0.0, 1.0)),
         hhr.LargestPressure("peak", 1),
+        hhr.LargestPressure("peak between", 0),
+        hhr.ContactWidth("width", 0),
+        hhr.LostContact("lost", 0),
         hhr.DisplacementAt("moved", (2.0, 0.67), 1),
         hhr.ElasticEnergy("energy"),
     )
@@ -408,7 +411,7 @@ def test_refusals_name_the_pair_the_body_and_the_reason():
                 (*box.names, "wide"), (*box.lower, 0.0), (*box.upper, 0.1)
             ),
         },
-        "'peak' is not built in": {"outputs": (hhr.LargestPressure("peak", 0),)},
+        "'gap' is not built in": {"outputs": (hhr.GapAt("gap", 0, (0.0, 0.0)),)},
     }
     for message, change in changes.items():
         with pytest.raises(SceneError, match=message):

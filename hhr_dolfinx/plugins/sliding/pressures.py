@@ -1,0 +1,314 @@
+"""Laws of other plug-ins on pressures, beside the friction of surfaces that slide.
+
+What a law remembers of a pair belongs to the nodes of its slave, and moves with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw, PairLaw
+from hhr_dolfinx.contact.rows import ContactRows
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.memory import Memory
+from hhr_dolfinx.plugins.contact_laws.interface import Interface, Range, ranged
+from hhr_dolfinx.plugins.contact_laws.range_increments import SolversOfRanges, joined
+from hhr_dolfinx.plugins.contact_laws.ranges import Linearised, OffDiagonal, Ranges, RangeStep
+from hhr_dolfinx.plugins.friction.laws import Friction, SlipState, places_of
+from hhr_dolfinx.plugins.friction.range import FrictionRange, FrictionStep
+from hhr_dolfinx.plugins.friction.sliding_set import Sliding
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.friction.slider import IncrementEnd, SlidingState
+    from hhr_dolfinx.plugins.friction.sliding_set import SlidingIncrement
+    from hhr_dolfinx.plugins.sliding.repairing import SlidingPair
+    from hhr_dolfinx.plugins.sliding.surface_dofs import SurfacesThatSlide
+
+
+@dataclass(frozen=True)
+class FrictionBesideLaws(Friction):
+    """Friction of all contacts, and laws on the pressures of some."""
+
+    #: laws on all pressures: those of the pairs that do not slide, then of the slave nodes. Each
+    #: range of them is of contacts with friction alone, or of none
+    pressures: Range
+
+    @classmethod
+    def of_laws(cls, friction: Friction, pressures: Range) -> FrictionBesideLaws:
+        """Friction beside laws on pressures.
+
+        Args:
+            friction: friction of all contacts.
+            pressures: the laws, and the rows of the pressures.
+        """
+        known = {each.name: getattr(friction, each.name) for each in fields(friction)}
+        return cls(**known, pressures=pressures)
+
+    @property
+    def laws_of_pressures(self) -> Interface:
+        """Laws on the pressures, in their order."""
+        law = self.pressures.law
+        assert isinstance(law, Interface)
+        return law
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Faults: those of friction, and ranges of which friction has a part."""
+        yield from super().faults(sizes)
+        law = self.pressures.law
+        if not isinstance(law, Interface):
+            yield "laws of pressures are not on ranges"
+            return
+        for law_range in law.ranges:
+            rubs = np.isin(self.pressures.rows[law_range.rows], self.normal)
+            if rubs.any() and not rubs.all():
+                yield "a law of pressures is on contacts with friction and on others"
+
+    @property
+    def plugins(self) -> tuple[str, ...]:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return (*super().plugins, *self.laws_of_pressures.plugins)
+
+    def of(self, plugin: str) -> ContactLaw | None:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        if plugin == self.plugin:
+            return self
+        for law_range in self.laws_of_pressures.ranges:
+            if law_range.law.plugin == plugin:
+                return law_range.law.among(self.pressures.rows[law_range.rows])
+        return None
+
+    def parts(self) -> list[str | np.ndarray]:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return [*super().parts(), *self.laws_of_pressures.parts()]
+
+    @property
+    def layout(self) -> dict[str, tuple[str, ...]]:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return {**super().layout, **self.laws_of_pressures.layout}
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return {**super().sizes, **self.laws_of_pressures.sizes}
+
+    def stored(self, memory: Memory) -> dict[str, np.ndarray]:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return {**super().stored(memory), **self.laws_of_pressures.stored(memory)}
+
+    def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        slip = Memory(slip=SlipState(**{name: arrays[name] for name in super().layout}))
+        return slip | self.laws_of_pressures.restored(arrays)
+
+
+def on_slaves(
+    laws: dict[int, PairLaw], pairs: Mapping[int, SlidingPair], full: SurfacesThatSlide
+) -> tuple[Range, ...]:
+    """Laws of the pairs that slide, on their slave nodes, (C,).
+
+    Args:
+        laws: laws of plug-ins other than friction, by pair; not empty.
+        pairs: the pairs that slide, by their number.
+        full: finite element model of the scene.
+
+    Raises:
+        SceneError: for a law with rows of its own.
+    """
+    slaves = [pair.slave for pair in pairs.values()]
+    nodes = np.concatenate([slave.nodes for slave in slaves])
+    numbers = np.repeat(list(pairs), [slave.nodes.size for slave in slaves])
+    points = np.concatenate([slave.points for slave in slaves])
+    areas = np.concatenate([slave.areas for slave in slaves])
+    rows = ContactRows(
+        csr_matrix((nodes.size, full.dofs)), np.zeros(nodes.size), nodes, points, areas
+    )
+    longer, law = full.laws_on(laws, rows, numbers)
+    if longer.gap.size != nodes.size:
+        words = " and ".join(law.words for law in laws.values())
+        raise SceneError(
+            f"{words} adds conditions to those of pressures, and conditions of surfaces that slide "
+            "are made again in each increment: laws of pressures alone are built in there"
+        )
+    return ranged(law, nodes.size).ranges
+
+
+def before_dofs(law: ContactLaw, kept: int, count: int) -> ContactLaw:
+    """The law of the pairs that do not slide, on conditions that rows of dofs follow.
+
+    Args:
+        law: law of the pairs that do not slide, on their conditions.
+        kept: number of these.
+        count: number of all rows.
+    """
+    if isinstance(law, Friction) or not law.plugin:
+        return law
+    rest = Range(UNILATERAL, np.arange(kept, count))
+    return Interface((*ranged(law, kept).ranges, rest))
+
+
+def beside_laws(
+    friction: Friction, of_others: ContactLaw, of_slaves: Sequence[Range], first: int
+) -> Friction:
+    """Friction of all contacts, beside laws on pressures if there are any.
+
+    Args:
+        friction: friction of all contacts, in the order of all rows.
+        of_others: law of the pairs that do not slide.
+        of_slaves: laws of the pairs that slide, on their slave nodes.
+        first: row of the first slave node.
+
+    Raises:
+        SceneError: for two laws of one plug-in, on pairs that slide and on others.
+    """
+    others = [item for item in ranged(of_others, first).ranges if item.law.plugin != "friction"]
+    slaves = [Range(item.law, first + item.rows) for item in of_slaves]
+    given = [item for item in (*others, *slaves) if item.law.plugin]
+    if not given:
+        return friction
+    _check_once(given)
+    slave_nodes = friction.normal[friction.normal >= first]
+    rows = np.concatenate([np.setdiff1d(np.arange(first), friction.tangential), slave_nodes])
+    taken = [Range(item.law, places_of(item.rows, rows)) for item in given]
+    free = np.setdiff1d(rows, np.concatenate([item.rows for item in given]))
+    rubs = np.isin(free, friction.normal)
+    taken += [
+        Range(UNILATERAL, places_of(some, rows)) for some in (free[rubs], free[~rubs]) if some.size
+    ]
+    return FrictionBesideLaws.of_laws(friction, Range(Interface(tuple(taken)), rows))
+
+
+def _check_once(ranges: Sequence[Range]) -> None:
+    """Raise SceneError for two ranges of one plug-in: its memory has the rows of one."""
+    names = [item.law.plugin for item in ranges]
+    for name in names:
+        if names.count(name) > 1:
+            raise SceneError(
+                f"pairs that slide and others have laws of the plug-in '{name}', whose memory has "
+                "the conditions of one of both: that is not built in. Give one of both another law"
+            )
+
+
+class _PressureStep(RangeStep):
+    """Increments of several laws, each on its contacts, (k,), of C."""
+
+    def __init__(self, contacts: Sequence[np.ndarray], steps: Sequence[RangeStep], count: int):
+        self._ranges = list(zip(contacts, steps, strict=True))
+        self.shift = np.zeros(count)
+        for places, step in self._ranges:
+            self.shift[places] = step.shift
+
+    def linearised(
+        self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
+    ) -> Linearised:
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`."""
+        off, on_forces, on_slack, right = np.zeros((4, forces.size))
+        active = np.zeros(forces.size, dtype=bool)
+        keys = []
+        beside = []
+        for places, step in self._ranges:
+            at = step.linearised(forces[places], slack[places], stiffness[places], attempt)
+            for values, of_range in zip((off, on_forces, on_slack, right), at, strict=False):
+                values[places] = of_range
+            active[places] = at.active
+            keys.append(at.key)
+            if at.coupling is not None:
+                rows, columns, *entries = at.coupling
+                beside.append((places[rows], places[columns], *entries))
+        coupling = (
+            OffDiagonal(*(np.concatenate(arrays) for arrays in zip(*beside, strict=True)))
+            if beside
+            else None
+        )
+        return Linearised(off, on_forces, on_slack, right, b"".join(keys), active, coupling)
+
+    def after(self, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> Memory:
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`."""
+        return joined(
+            [
+                step.after(forces[places], slack[places], active[places])
+                for places, step in self._ranges
+            ]
+        )
+
+
+class PressureLaws:
+    """Solves increments on one pairing after another, with friction beside laws on pressures."""
+
+    def __init__(self, law: FrictionBesideLaws):
+        self._friction = law
+        self._pressures = law.pressures.rows
+        self._solvers = SolversOfRanges(law.laws_of_pressures)
+        self._rows = [self._pressures[rows] for rows in self._solvers.rows]
+        self._rub = [bool(np.isin(rows, law.normal).all()) for rows in self._rows]
+
+    def at_rest(self, gaps: np.ndarray, point: np.ndarray) -> Memory:
+        """Memory of undeformed bodies.
+
+        Args:
+            gaps: gaps of all rows, (M,).
+            point: parameter at rest, (P,).
+        """
+        return self._solvers.at_rest(gaps[self._pressures], point)
+
+    def solved(
+        self,
+        schur: np.ndarray,
+        friction: Friction,
+        given: SlidingIncrement,
+        before: SlidingState,
+        target: IncrementEnd,
+    ) -> tuple[Sliding, Memory]:
+        """Solution of an increment on one pairing, and the memory of the laws on pressures.
+
+        Args:
+            schur: S of the pairing, (M, M).
+            friction: friction of its rows.
+            given: loads and bounds of friction.
+            before: state at the start.
+            target: end of the increment.
+        """
+        rubbing = np.sort(np.concatenate([friction.normal, friction.tangential]))
+        local = friction.within(rubbing)
+        steps = self._solvers.steps(before.laws, target.point, target.time - before.time)
+        laws = list(zip(self._rows, steps, self._rub, strict=True))
+        under = [(rows, step) for rows, step, rubs in laws if rubs]
+        alone = [(rows, step) for rows, step, rubs in laws if not rubs]
+        contacts = [places_of(rows, friction.normal) for rows, _ in under]
+        of_contacts = _PressureStep(contacts, [step for _, step in under], friction.normal.size)
+        rub = FrictionStep(local, before.slip, target.point, of_contacts)
+        rub.coefficient, rub.limit = given.coefficient, given.limit
+        compliance = np.zeros(len(schur))
+        diagonal = np.abs(np.diag(schur))[rubbing]
+        compliance[rubbing] = FrictionRange(local).compliance(diagonal)
+        free = given.slack.copy()
+        # slacks are slips of the increment: the step of friction would take off what was before
+        free[friction.tangential] += before.slip.position
+        ranges = Ranges(schur, [rubbing, *(rows for rows, _ in alone)], compliance)
+        every = [rub, *(step for _, step in alone)]
+        found = ranges.solve(free, every, before.forces)
+        active = found.active.copy()
+        slack = found.slack.copy()
+        held = np.intersect1d(np.flatnonzero(active), friction.tangential)
+        slack[held] = 0.0
+        memory = joined(
+            [
+                step.after(found.forces[rows], slack[rows], active[rows])
+                for rows, step in (*under, *alone)
+            ]
+        )
+        solution = Sliding(
+            found.forces,
+            active,
+            slack,
+            np.zeros(0),
+            found.iterations,
+            found.projections,
+            found.status,
+            found.unsettled,
+        )
+        return solution, memory
