@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.histories.equilibrium import MarchSettings
     from hhr_dolfinx.parameters import PointLike
     from hhr_dolfinx.plugins.sliding.beside import BesideTools
-    from hhr_dolfinx.plugins.sliding.repairing import RepairingSlider, SlidingPair
+    from hhr_dolfinx.plugins.sliding.repairing import SlidingPair
+    from hhr_dolfinx.plugins.sliding.slider import RepairingSlider
 
 ADVICE = {
     Status.SINGULAR: "rows are dependent where the surfaces have come to, or friction is too large",
@@ -144,7 +145,7 @@ class SlidingModel(KeptModel):
                 "derivatives of bodies that slide past their mesh are not built in: pairings "
                 "change along a path. Take differences of answers"
             )
-        from hhr_dolfinx.plugins.sliding.repairing import RepairingSlider
+        from hhr_dolfinx.plugins.sliding.slider import RepairingSlider
 
         return RepairingSlider(self, exactly=settings.time_tolerance is not None)
 

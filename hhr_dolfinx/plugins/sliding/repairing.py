@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -26,10 +26,9 @@ from hhr_dolfinx.contact.rows import ContactRows, normals_of
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import NeverFacingError, PairingWarning, SceneWarning
 from hhr_dolfinx.memory import NO_MEMORY, Memory
-from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.pairings.surface import Surface, area_vectors
 from hhr_dolfinx.plugins.friction.laws import Friction, SlipState
-from hhr_dolfinx.plugins.friction.slider import IncrementEnd, Slider, SlidingState, SolvedSliding
+from hhr_dolfinx.plugins.friction.slider import IncrementEnd, SlidingState
 from hhr_dolfinx.plugins.friction.sliding_set import Sliding, SlidingContact, SlidingIncrement
 from hhr_dolfinx.plugins.friction.tangents import tangents_of
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
@@ -38,6 +37,7 @@ from hhr_dolfinx.plugins.sliding.pressures import FrictionBesideLaws, PressureLa
 from hhr_dolfinx.warn import ignored, warn
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.parameters import ParameterSpace
     from hhr_dolfinx.plugins.friction.laws import FrictionLaw
 
 PAIRINGS = 8
@@ -178,19 +178,47 @@ class Paired(NamedTuple):
     at: np.ndarray  #: displacement at which they were paired, after m other numbers, (m + n,)
 
 
-class RepairingSlider(Slider):
-    """Solves increments of a model with ``pairs``, whose base has rows of all dofs of its surfaces.
+class PairedSolution(NamedTuple):
+    """An increment on its last pairing."""
+
+    found: Sliding
+    slip: SlipState
+    laws: Memory  #: what laws of pressures remember
+    displacement: np.ndarray  #: of all dofs of surfaces, after m other numbers, (m + n,)
+    surface_forces: np.ndarray  #: on them, after those of the pairs that do not slide, (m + n,)
+
+    def kept_in(self, state: SlidingState) -> SlidingState:
+        """The state at the end of an increment, with that of the surfaces."""
+        return state._replace(
+            displacement=self.displacement, surface_forces=self.surface_forces, laws=self.laws
+        )
+
+
+class PairedSurfaces:
+    """Solves increments on a compliance of all dofs of surfaces.
 
     Its first m rows are those of the pairs that do not slide: conditions, with a slack in the place
     of a displacement with the opposite sign. Its last rows are motions along curved tools.
-    ``exactly`` pairs increments until their positions converge.
+
+    Args:
+        pairs: the pairs that slide.
+        friction: friction of all contacts, and laws of pressures.
+        parameters: the parameters, for messages.
+        exactly: pair increments until their positions converge.
     """
 
-    def __init__(self, model: Any, *, exactly: bool = False):
-        super().__init__(model)
+    def __init__(
+        self,
+        pairs: Sequence[SlidingPair],
+        friction: Friction,
+        parameters: ParameterSpace,
+        exactly: bool = False,
+    ):
         self.settled = EXACTLY if exactly else SETTLED
-        self.pairs: Sequence[SlidingPair] = model.pairs
-        self.dim = model.dimension
+        self.pairs = pairs
+        self.friction = friction
+        self.parameters = parameters
+        self.dim = pairs[0].slave.points.shape[1]
         self.kept = self.pairs[0].first
         self.count = sum(pair.slave.nodes.size for pair in self.pairs)
         points = np.concatenate(
@@ -202,49 +230,58 @@ class RepairingSlider(Slider):
         )
         self.rows = self.kept + self.count * self.dim
         self.dofs = slice(self.kept, self.kept + self.dim * sum(pair.nodes for pair in self.pairs))
-        self._warned = self._far_along = False
-        law = self.friction
-        self._laws = PressureLaws(law) if isinstance(law, FrictionBesideLaws) else None
+        self._warned = False
+        self._laws = PressureLaws(friction) if isinstance(friction, FrictionBesideLaws) else None
 
-    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> SlidingState:
+    def at_rest(
+        self, time: float, point: np.ndarray, weights: np.ndarray, free_slack: np.ndarray
+    ) -> SlidingState:
         """Undeformed bodies as meshed, without slip.
 
         Args:
             time: start of the path, in s.
             point: parameters, (P,).
             weights: weights of the state.
+            free_slack: slacks of the pairs that do not slide, then minus imposed displacements of
+                the dofs of surfaces.
         """
-        free_slack = self._contact_at(point).free_slack
         nothing = np.zeros(len(free_slack))
         slack_of_fixed = free_slack[self.friction.normal[self.count :]]
         of_slaves = self.paired(nothing, nothing, point).gap
         gap = np.concatenate([of_slaves, slack_of_fixed])
         slip = SlipState.at_rest(self.friction, gap, point)
-        changes = self._no_changes, self._no_changes
         gaps = np.concatenate([free_slack[: self.kept], of_slaves])
         laws = NO_MEMORY if self._laws is None else self._laws.at_rest(gaps, point)
         forces = np.zeros(self.rows)
-        rest = SlidingState(point, time, forces, None, gap, slip, weights, *changes)
+        changes = np.zeros((self.friction.tangential.size, point.size))
+        rest = SlidingState(point, time, forces, None, gap, slip, weights, changes, changes)
         return rest._replace(displacement=nothing, surface_forces=nothing, laws=laws)
 
-    def increment(self, before: SlidingState, target: IncrementEnd) -> SolvedSliding:
-        """Solve one increment; it may not converge.
+    def solved(
+        self,
+        compliance: np.ndarray,
+        free_slack: np.ndarray,
+        before: SlidingState,
+        target: IncrementEnd,
+    ) -> PairedSolution:
+        """Solve an increment on one pairing after another; it may not converge.
 
         Args:
-            before: state at the start of the increment.
-            target: its end.
+            compliance: S of all rows, (M, M).
+            free_slack: their slacks without contact forces, (M,).
+            before: state at the start.
+            target: end of the increment.
         """
         point = target.point
-        contact = self._contact_at(point)
-        free = -contact.free_slack
+        free = -free_slack
         assert before.displacement is not None and before.surface_forces is not None
-        displacement = free - contact.schur @ before.surface_forces
+        displacement = free - compliance @ before.surface_forces
         last = 1e-300
         for _ in range(PAIRINGS):
             paired = self.paired(displacement, before.displacement, point)
-            solution, bound, laws = self._solved_on(contact.schur, free, paired, before, target)
+            solution, bound, laws = self._solved_on(compliance, free, paired, before, target)
             surface_forces = paired.matrix.T @ solution.forces
-            displacement = free - contact.schur @ surface_forces
+            displacement = free - compliance @ surface_forces
             change = np.abs(displacement - paired.at)[self.dofs].max() / self.facet
             # the next change would be smaller by the same factor as this one
             if (
@@ -259,10 +296,16 @@ class RepairingSlider(Slider):
         slip = before.slip.after(
             self.friction, solution.forces, solution.slack, solution.active, bound
         )
-        reached = self._reached(target, solution, slip, (before.changes, before.closing))._replace(
-            displacement=displacement, surface_forces=surface_forces, laws=laws
-        )
-        return SolvedSliding(solution, reached, contact, None)
+        return PairedSolution(solution, slip, laws, displacement, surface_forces)
+
+    def active(self, found: Sliding, surface_forces: np.ndarray) -> np.ndarray:
+        """Rows with a force, and those of the pairs that do not slide that touch, (M,) bool.
+
+        Args:
+            found: solution of an increment.
+            surface_forces: forces of all rows, (M,).
+        """
+        return np.concatenate([found.active[: self.kept], surface_forces[self.kept :] != 0.0])
 
     def _solved_on(
         self,
@@ -311,7 +354,7 @@ class RepairingSlider(Slider):
         if deep.any() and not self._warned:
             self._warned = True
             warn(
-                f"at {self.model.parameters.described(point)}: at {int(deep.sum())} slave nodes "
+                f"at {self.parameters.described(point)}: at {int(deep.sum())} slave nodes "
                 "all nodes of the contact have imposed displacements and penetrate, most by "
                 f"{-gap[deep].min():.3g}: no force acts there. Change these displacements, or the "
                 "gap",
@@ -392,46 +435,6 @@ class RepairingSlider(Slider):
             )
             for k in range(dim)
         ]
-
-    def check(self, place: SlidingState) -> None:
-        """Check the distance that bodies have slid past tools, whose rows are not made again."""
-        super().check(place)
-        beside = self.model.beside
-        if beside.conditions.size and not self._far_along:
-            assert place.displacement is not None and place.surface_forces is not None
-            motion = place.displacement[self.dofs.stop :].reshape(-1, self.dim - 1)
-            words = self.model.parameters.described(place.point)
-            self._far_along = beside.check(place.surface_forces, motion, self.largest, words)
-
-    def elastic_energy(self, solved: SolvedSliding) -> float:
-        """See :class:`Slider`."""
-        surface_forces = solved.reached.surface_forces
-        return 0.5 * float(surface_forces @ (solved.contact.schur @ surface_forces))
-
-    def answer(self, solved: SolvedSliding) -> Answer:
-        """Answer of an increment.
-
-        Its forces are those of the pairs that do not slide, and on all dofs of surfaces.
-        """
-        solution, reached, contact, _ = solved
-        forces = reached.surface_forces
-        assert forces is not None
-        outcome = (
-            solution.iterations,
-            solution.status,
-            solution.sweeps > 0,
-            self.model.fields,
-            reached.time,
-        )
-        active = np.concatenate([solution.active[: self.kept], forces[self.kept :] != 0.0])
-        return Answer(
-            reached.point,
-            contact.unknown(forces),
-            forces,
-            active,
-            *outcome,
-            memory=Memory(slip=reached.slip) | reached.laws,
-        )
 
 
 def idle_contacts(schur: np.ndarray) -> np.ndarray:

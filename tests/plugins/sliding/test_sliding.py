@@ -17,7 +17,7 @@ from scenes import pair_scene, slope
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
-from hhr_dolfinx.plugins.sliding.repairing import RepairingSlider
+from hhr_dolfinx.plugins.sliding.slider import RepairingSlider
 
 CELLS = 60
 
@@ -69,7 +69,7 @@ def test_rows_where_nothing_has_moved_are_those_of_the_pairing():
     fixed = hhr.FullOrderModel(scene, MPI.COMM_SELF).problem
     model = hhr.slide(scene, condensed=False)
     nothing = np.zeros(len(model.base.problem.gaps))
-    paired = RepairingSlider(model).paired(nothing, nothing, np.zeros(2))
+    paired = RepairingSlider(model).surfaces.paired(nothing, nothing, np.zeros(2))
     rows = (paired.matrix @ model.base.problem.contact).toarray()
     x = [model.slave_points()[:, 0], fixed.contact_points[fixed.law.normal, 0]]
     order, other = (np.argsort(values) for values in x)
