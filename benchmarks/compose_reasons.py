@@ -17,9 +17,7 @@ REFUSED = {
     "plugins/shapes/reshaped.py:_check_constraints": "mean_motion+shape rigid_motion+shape",
     "plugins/shapes/reshaped.py:check_still": "moving_circle+shape",
     "plugins/sliding/slide.py:_check": "double_pass+sliding",
-    "plugins/sliding/slide.py:_check_bodies": (
-        "external_law+sliding norton+sliding own_body_law+sliding shape+sliding sliding+voce"
-    ),
+    "plugins/sliding/slide.py:_check_shapes": "shape+sliding",
     "plugins/sliding/slide.py:slide": "floating+sliding",
     "scene.py:_check_system": (
         "external_law+own_system norton+own_system own_body_law+own_system own_system+shape "
@@ -41,7 +39,12 @@ _PROPORTIONAL = (
 )
 _NO_MODULI = (
     "Not built in: where surfaces slide, a model condenses one compliance of the surfaces, and "
-    "moduli of parameters would need one for each point."
+    "moduli of parameters would need one for each point, steps of bodies with laws one for each "
+    "linearisation."
+)
+_KINKS = (
+    "Answers have kinks where a node passes an edge of a facet, beside those of statuses. Between "
+    "kinks derivatives of the rows along a path are needed: not built in."
 )
 _ELASTIC = (
     "Corrections of elastic steps are round-off: no modes follow from them, and exact "
@@ -113,9 +116,9 @@ REASONS: dict[str, dict[str, str]] = {
             "While surfaces slide, nodes of one pass those of the other, where rows of both "
             "passes are dependent: pressures have no single value."
         ),
-        "plugins/sliding/slide.py:_check_bodies": (
+        "plugins/sliding/slide.py:_check_shapes": (
             "Not built in: increments that pair surfaces again solve for forces by one compliance "
-            "of the surfaces, which inelastic strains and shapes change."
+            "of the surfaces, which shapes change."
         ),
         "plugins/sliding/slide.py:slide": (
             "Not built in: motions R of a body that contact alone holds are unknowns, with rows B "
@@ -131,9 +134,8 @@ REASONS: dict[str, dict[str, str]] = {
             "Not built in: strains at fixed displacements change with the shape, and derivatives "
             "of steps have none of these terms."
         ),
-        "plugins/sliding/model.py:increments": (
-            "Answers have kinks where a node passes an edge of a facet, beside those of statuses. "
-            "Between kinks derivatives of the rows along a path are needed: not built in."
+        **dict.fromkeys(
+            ("plugins/sliding/model.py:increments", "plugins/sliding/law.py:no_slopes"), _KINKS
         ),
     },
     "condense": {

@@ -6,6 +6,7 @@ of its dofs.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
@@ -452,18 +453,31 @@ class Discretisation(DiscreteSpace):
         return joined(rows_of_pairs), pairs, terms
 
 
-def discretised(scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD) -> Discretisation:
+ChangedClass = Callable[[type[Discretisation]], type[Discretisation]]
+"""Makes the class of a finite element model from that of its scene."""
+
+
+def as_it_is(made: type[Discretisation]) -> type[Discretisation]:
+    """The class itself."""
+    return made
+
+
+def discretised(
+    scene: Scene,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    kind: ChangedClass = as_it_is,
+) -> Discretisation:
     """Discretisation of a scene, by the class that its system states if that has its own matrices.
 
     Args:
         scene: the scene.
         comm: processes of the model.
+        kind: changes the class of the model.
 
     Raises:
         NotOfferedError, SceneError: see :class:`Discretisation`.
     """
-    made: type[Discretisation] = getattr(scene.system, "discretised", Discretisation)
-    return made(scene, comm)
+    return kind(getattr(scene.system, "discretised", Discretisation))(scene, comm)
 
 
 def _gaps(rows: ContactRows, opened: np.ndarray, lifts: csc_matrix) -> np.ndarray:

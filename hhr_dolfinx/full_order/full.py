@@ -16,7 +16,12 @@ from hhr_dolfinx.contact.active_set import Pairs, Status
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness
 from hhr_dolfinx.errors import NotOfferedError, SceneError
-from hhr_dolfinx.full_order.discretisation import Discretisation, discretised
+from hhr_dolfinx.full_order.discretisation import (
+    ChangedClass,
+    Discretisation,
+    as_it_is,
+    discretised,
+)
 from hhr_dolfinx.full_order.system import System
 from hhr_dolfinx.full_order.with_laws import with_laws
 from hhr_dolfinx.group import group_of
@@ -73,7 +78,7 @@ class FullOrderModel(FullModel):
     unbounded = "the full model has no reduction error"
 
     trained = None  # no training range
-    discretised: Callable[[Scene, MPI.Comm], Discretisation] = staticmethod(discretised)
+    kind: ChangedClass = staticmethod(as_it_is)
     scene: Scene
     system: System
 
@@ -85,7 +90,7 @@ class FullOrderModel(FullModel):
             raise SceneError(f"{scene!r} is no scene: give a Scene")
         with self.group.together(f"building the full model of scene '{scene.name}'"):
             if scene.reader:
-                bodies_with_laws = with_laws(scene)
+                bodies_with_laws = with_laws(scene, self.kind)
                 self._factor(
                     bodies_with_laws.discretisation,
                     bodies_with_laws.stiffness,
@@ -93,7 +98,7 @@ class FullOrderModel(FullModel):
                 )
                 self.equilibrium = bodies_with_laws.equilibrium(self)
             else:
-                discretisation = self.discretised(scene, comm)
+                discretisation = discretised(scene, comm, self.kind)
                 self._factor(discretisation, *discretisation.stiffness_terms())
             self.functionals = None
             if scene.outputs:

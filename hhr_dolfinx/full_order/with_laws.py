@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
     from hhr_dolfinx.formulas import Modulus
-    from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.full_order.discretisation import ChangedClass, Discretisation
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium
     from hhr_dolfinx.scene import Scene
@@ -30,13 +30,17 @@ class BodiesWithLaws(LawsAtPlaces, Protocol):
         """Equilibrium of a full model, which has factored the elastic stiffness."""
 
 
-def with_laws(scene: Scene) -> BodiesWithLaws:
+def with_laws(scene: Scene, kind: ChangedClass) -> BodiesWithLaws:
     """Bodies of a scene that has a ``reader``.
+
+    Args:
+        scene: the scene.
+        kind: changes the class of its finite element model.
 
     Raises:
         NotOfferedError: if this plug-in solves nothing in full order.
     """
     bodies: BodiesWithLaws = registry.facet(
         scene.reader, "full_order", f"the full model of scene '{scene.name}'"
-    )(scene)
+    )(scene, kind)
     return bodies

@@ -159,7 +159,7 @@ class ForeignDiscretisation(Discretisation):
     ) -> ContactProblem:
         """See :class:`Discretisation`; conditions and loads on dofs that K lacks are refused.
 
-        Solved cases are compared before, unless a full model has asked for :meth:`stated`.
+        Solved cases are compared before, unless a full model calls :meth:`stated`.
 
         Args:
             stiffness: terms of K, (N, N) each.

@@ -75,7 +75,7 @@ class Read:
 
     @property
     def fixed(self) -> set[int]:
-        """Nodes that are held or moved in all directions."""
+        """Nodes that are held or displaced in all directions."""
         return {node for node, directions in self.held.items() if {1, 2, 3} <= directions}
 
     def amplitude(self, kind: str, value: float) -> str:
@@ -209,7 +209,7 @@ def _ignored(where: str, keyword: str, options: dict[str, str]) -> Iterator[str]
     if options.get("OP", "").upper() == "NEW":
         yield (
             f"TODO {where} *{keyword}, OP=NEW: what was stated before stays; a support that K "
-            "has left out cannot be taken away"
+            "has left out cannot be subtracted"
         )
 
 
@@ -353,7 +353,7 @@ def _contact(
     read: Read, where: str, rows: list[list[str]], given: tuple[ForeignNodes, ForeignNodes],
     argument: str,
 ) -> None:  # fmt: skip
-    """Read a pair: a plane for a master that is held or moved, two surfaces otherwise."""
+    """Read a pair: a plane for a master that is held or displaced, two surfaces otherwise."""
     nodes, solids = given  # nodes of K, and of the deck as it is, which has rigid plates too
     surfaces = {name.upper(): name for name in nodes.surfaces}
     fixed = {name.upper(): surface for name, surface in solids.surfaces.items()}

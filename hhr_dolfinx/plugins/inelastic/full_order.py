@@ -21,7 +21,7 @@ from hhr_dolfinx.contact.problem import ContactProblem, Reshaping
 from hhr_dolfinx.contact.stiffness import FactorStore, ScaledStiffness, SparseStiffness, Stiffness
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.formulas import Modulus, coordinate_names
-from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.full_order.discretisation import ChangedClass, Discretisation
 from hhr_dolfinx.group import group_of, share
 from hhr_dolfinx.linear.rows import rows_of
 from hhr_dolfinx.models.answer import Answer
@@ -475,14 +475,21 @@ def equilibrium_of(full: FullModel) -> FullOrderEquilibrium:
     return equilibrium
 
 
-def bodies_of(scene: Scene) -> GaussModel:
+def bodies_of(scene: Scene, kind: ChangedClass) -> GaussModel:
     """The Gauss points of a scene: the facet ``full_order``.
 
-    SceneError for constants of laws not valid in the box.
+    Args:
+        scene: the scene.
+        kind: changes the class of its finite element model.
+
+    Raises:
+        SceneError: for constants of laws not valid in the box.
     """
     for body in scene.bodies:
         names = coordinate_names(scene.hypothesis)
         check_law_over_box(
             body.law, scene.parameters, f"body {body.tag} of scene '{scene.name}'", names
         )
-    return LawsOnMesh(scene, MPI.COMM_SELF).laws()
+    model: Any = kind(LawsOnMesh)(scene, MPI.COMM_SELF)
+    bodies: GaussModel = model.laws()
+    return bodies

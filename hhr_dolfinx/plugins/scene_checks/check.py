@@ -13,7 +13,7 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.full_order.discretisation import Discretisation, discretised
+from hhr_dolfinx.full_order.discretisation import Discretisation, as_it_is, discretised
 from hhr_dolfinx.full_order.with_laws import BodiesWithLaws, with_laws
 from hhr_dolfinx.loads import Load, Terms, checked_terms
 from hhr_dolfinx.pairings.surface import Surface
@@ -108,7 +108,7 @@ def _units(check: SceneCheck) -> None:
 
 
 def _problem(discretisation: Discretisation) -> tuple[ContactProblem, BodiesWithLaws | None]:
-    laws = with_laws(discretisation.scene) if discretisation.scene.reader else None
+    laws = with_laws(discretisation.scene, as_it_is) if discretisation.scene.reader else None
     terms = discretisation.stiffness_terms() if laws is None else (laws.stiffness, laws.moduli)
     problem = discretisation.contact_problem(*terms)
     return discretisation.checked(problem), laws

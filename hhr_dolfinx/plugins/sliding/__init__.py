@@ -8,10 +8,15 @@ PLUGIN = Plugin(
     public={"hhr_dolfinx.plugins.sliding.slide": "slide"},
     classes={
         "hhr_dolfinx.plugins.sliding.beside": "BesideTools",
+        "hhr_dolfinx.plugins.sliding.law": "SlidingLaw",
         "hhr_dolfinx.plugins.sliding.model": "SlidingModel",
         "hhr_dolfinx.plugins.sliding.outputs": "LargestOfSlaves LoadedOfSlaves",
         "hhr_dolfinx.plugins.sliding.pressures": "FrictionBesideLaws",
         "hhr_dolfinx.plugins.sliding.repairing": "SlidingPair",
+    },
+    facets={
+        "steps": "hhr_dolfinx.plugins.sliding.law:SLIDING_STEPS",
+        "flow_slopes": "hhr_dolfinx.plugins.sliding.law:no_slopes",
     },
     switches={"hhr_dolfinx.plugins.sliding.switches": "sliding"},
 )

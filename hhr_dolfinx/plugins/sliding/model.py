@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.histories.equilibrium import MarchSettings
     from hhr_dolfinx.parameters import PointLike
     from hhr_dolfinx.plugins.sliding.beside import BesideTools
+    from hhr_dolfinx.plugins.sliding.law import SlidingLaw
     from hhr_dolfinx.plugins.sliding.repairing import SlidingPair
     from hhr_dolfinx.plugins.sliding.slider import RepairingSlider
 
@@ -49,14 +50,15 @@ class SlidingModel(KeptModel):
         self,
         base: CondensedModel,
         pairs: tuple[SlidingPair, ...],
-        law: Friction,
+        law: Friction | SlidingLaw,
         beside: BesideTools,
     ):
         self.base = base
         self.parameters = base.parameters
         self.fields = base.fields
         self.pairs = tuple(pairs)
-        self.law: Friction = law
+        self.law: Friction | SlidingLaw = law
+        self.equilibrium = base.equilibrium
         self.beside = beside
         self.advice: Mapping[Status, str] = ADVICE
 
@@ -82,8 +84,9 @@ class SlidingModel(KeptModel):
         contacts = sum(pair.slave.nodes.size for pair in self.pairs)
         along = contacts * (self.dimension - 1)
         first = base_rows = self.pairs[0].first
-        normal, normal_outside = np.split(self.law.normal, [contacts])
-        tangential, further = np.split(self.law.tangential, [along])
+        friction = self.law if isinstance(self.law, Friction) else self.law.friction
+        normal, normal_outside = np.split(friction.normal, [contacts])
+        tangential, further = np.split(friction.tangential, [along])
         if not (
             np.array_equal(normal, base_rows + np.arange(contacts))
             and np.array_equal(tangential, base_rows + contacts + np.arange(along))
@@ -141,10 +144,9 @@ class SlidingModel(KeptModel):
             NotOfferedError: for derivatives.
         """
         if settings.gradient:
-            raise NotOfferedError(
-                "derivatives of bodies that slide past their mesh are not built in: pairings "
-                "change along a path. Take differences of answers"
-            )
+            from hhr_dolfinx.plugins.sliding.law import NO_SLOPES
+
+            raise NotOfferedError(NO_SLOPES)
         from hhr_dolfinx.plugins.sliding.slider import RepairingSlider
 
         return RepairingSlider(self, exactly=settings.time_tolerance is not None)

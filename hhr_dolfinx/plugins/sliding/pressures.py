@@ -64,8 +64,8 @@ class FrictionBesideLaws(Friction):
             yield "laws of pressures are not on ranges"
             return
         for law_range in law.ranges:
-            rubs = np.isin(self.pressures.rows[law_range.rows], self.normal)
-            if rubs.any() and not rubs.all():
+            with_friction = np.isin(self.pressures.rows[law_range.rows], self.normal)
+            if with_friction.any() and not with_friction.all():
                 yield "a law of pressures is on contacts with friction and on others"
 
     @property
@@ -173,13 +173,15 @@ def beside_laws(
     _check_once(given)
     slave_nodes = friction.normal[friction.normal >= first]
     rows = np.concatenate([np.setdiff1d(np.arange(first), friction.tangential), slave_nodes])
-    taken = [Range(item.law, places_of(item.rows, rows)) for item in given]
+    placed = [Range(item.law, places_of(item.rows, rows)) for item in given]
     free = np.setdiff1d(rows, np.concatenate([item.rows for item in given]))
-    rubs = np.isin(free, friction.normal)
-    taken += [
-        Range(UNILATERAL, places_of(some, rows)) for some in (free[rubs], free[~rubs]) if some.size
+    with_friction = np.isin(free, friction.normal)
+    placed += [
+        Range(UNILATERAL, places_of(some, rows))
+        for some in (free[with_friction], free[~with_friction])
+        if some.size
     ]
-    return FrictionBesideLaws.of_laws(friction, Range(Interface(tuple(taken)), rows))
+    return FrictionBesideLaws.of_laws(friction, Range(Interface(tuple(placed)), rows))
 
 
 def _check_once(ranges: Sequence[Range]) -> None:
@@ -205,11 +207,18 @@ class _PressureStep(RangeStep):
     def linearised(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
     ) -> Linearised:
-        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`."""
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`.
+
+        Args:
+            forces: forces of the contacts, (C,).
+            slack: slacks of the contacts, (C,).
+            stiffness: c, force per slack of each contact, (C,).
+            attempt: number of the way to choose statuses.
+        """
         off, on_forces, on_slack, right = np.zeros((4, forces.size))
         active = np.zeros(forces.size, dtype=bool)
         keys = []
-        beside = []
+        couplings = []
         for places, step in self._ranges:
             at = step.linearised(forces[places], slack[places], stiffness[places], attempt)
             for values, of_range in zip((off, on_forces, on_slack, right), at, strict=False):
@@ -218,16 +227,22 @@ class _PressureStep(RangeStep):
             keys.append(at.key)
             if at.coupling is not None:
                 rows, columns, *entries = at.coupling
-                beside.append((places[rows], places[columns], *entries))
+                couplings.append((places[rows], places[columns], *entries))
         coupling = (
-            OffDiagonal(*(np.concatenate(arrays) for arrays in zip(*beside, strict=True)))
-            if beside
+            OffDiagonal(*(np.concatenate(arrays) for arrays in zip(*couplings, strict=True)))
+            if couplings
             else None
         )
         return Linearised(off, on_forces, on_slack, right, b"".join(keys), active, coupling)
 
     def after(self, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> Memory:
-        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`."""
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`.
+
+        Args:
+            forces: forces of the contacts, (C,).
+            slack: slacks of the contacts, (C,).
+            active: contacts that touch, (C,) bool.
+        """
         return joined(
             [
                 step.after(forces[places], slack[places], active[places])
@@ -244,7 +259,7 @@ class PressureLaws:
         self._pressures = law.pressures.rows
         self._solvers = SolversOfRanges(law.laws_of_pressures)
         self._rows = [self._pressures[rows] for rows in self._solvers.rows]
-        self._rub = [bool(np.isin(rows, law.normal).all()) for rows in self._rows]
+        self._with_friction = [bool(np.isin(rows, law.normal).all()) for rows in self._rows]
 
     def at_rest(self, gaps: np.ndarray, point: np.ndarray) -> Memory:
         """Memory of undeformed bodies.
@@ -272,24 +287,24 @@ class PressureLaws:
             before: state at the start.
             target: end of the increment.
         """
-        rubbing = np.sort(np.concatenate([friction.normal, friction.tangential]))
-        local = friction.within(rubbing)
+        of_friction = np.sort(np.concatenate([friction.normal, friction.tangential]))
+        local = friction.within(of_friction)
         steps = self._solvers.steps(before.laws, target.point, target.time - before.time)
-        laws = list(zip(self._rows, steps, self._rub, strict=True))
-        under = [(rows, step) for rows, step, rubs in laws if rubs]
-        alone = [(rows, step) for rows, step, rubs in laws if not rubs]
+        laws = list(zip(self._rows, steps, self._with_friction, strict=True))
+        under = [(rows, step) for rows, step, both in laws if both]
+        alone = [(rows, step) for rows, step, both in laws if not both]
         contacts = [places_of(rows, friction.normal) for rows, _ in under]
         of_contacts = _PressureStep(contacts, [step for _, step in under], friction.normal.size)
-        rub = FrictionStep(local, before.slip, target.point, of_contacts)
-        rub.coefficient, rub.limit = given.coefficient, given.limit
+        step_of_friction = FrictionStep(local, before.slip, target.point, of_contacts)
+        step_of_friction.coefficient, step_of_friction.limit = given.coefficient, given.limit
         compliance = np.zeros(len(schur))
-        diagonal = np.abs(np.diag(schur))[rubbing]
-        compliance[rubbing] = FrictionRange(local).compliance(diagonal)
+        diagonal = np.abs(np.diag(schur))[of_friction]
+        compliance[of_friction] = FrictionRange(local).compliance(diagonal)
         free = given.slack.copy()
         # slacks are slips of the increment: the step of friction would take off what was before
         free[friction.tangential] += before.slip.position
-        ranges = Ranges(schur, [rubbing, *(rows for rows, _ in alone)], compliance)
-        every = [rub, *(step for _, step in alone)]
+        ranges = Ranges(schur, [of_friction, *(rows for rows, _ in alone)], compliance)
+        every = [step_of_friction, *(step for _, step in alone)]
         found = ranges.solve(free, every, before.forces)
         active = found.active.copy()
         slack = found.slack.copy()

@@ -3,36 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
 from typing import Any, TypeGuard
 
 import numpy as np
 from mpi4py import MPI
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.contact.law import PairLaw
-from hhr_dolfinx.contact.rows import ContactRows, normals_of
 from hhr_dolfinx.errors import SceneError, SceneWarning
 from hhr_dolfinx.full_order.checks import warn_of_idle_parameters
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.outputs import ContactForce, DisplacementAt, LinearForm, OfContact, Output
 from hhr_dolfinx.pairings import Pairing
-from hhr_dolfinx.pairings.surface import CREASE, Surface
-from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
-from hhr_dolfinx.plugins.friction.pair_laws import Coulomb, Tresca
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
 from hhr_dolfinx.plugins.nonmatching.double_pass import DoublePass
 from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
 from hhr_dolfinx.plugins.sliding.model import SlidingModel
 from hhr_dolfinx.plugins.sliding.outputs import KINDS, OfSlaves
-from hhr_dolfinx.plugins.sliding.pressures import beside_laws, on_slaves
-from hhr_dolfinx.plugins.sliding.repairing import (
-    SlidingPair,
-    layout,
-    no_friction,
-    nodes_of,
-    renumbered,
-)
 from hhr_dolfinx.plugins.sliding.surface_dofs import (
     FullOrderOfSurfaces,
     SurfaceDofs,
@@ -71,13 +57,19 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
         SceneError: for an unsuitable scene, with the part that is unsuitable.
     """
     _check(scene)
+    flows = any(body.reader for body in scene.bodies)
+    if flows and condensed:
+        raise SceneError(
+            f"bodies of scene '{scene.name}' have laws, and models of surfaces that slide are "
+            "condensed for elastic bodies: take condensed=False"
+        )
     contacts = tuple(
         SurfaceDofs(*contact.tags) if _slides(contact) else contact for contact in scene.contacts
     )
     # rows of dofs have no law of friction, whose parameters the scene names
     with ignored(SceneWarning, about=" have no effect"):
         surfaces_alone = dataclasses.replace(scene, contacts=contacts, outputs=_outputs(scene))
-        full = FullOrderOfSurfaces(surfaces_alone, MPI.COMM_SELF)
+        full = FullOrderOfSurfaces(surfaces_alone, MPI.COMM_SELF, scene)
     problem = full.problem
     warn_of_idle_parameters(scene, problem.amplitudes)
     if problem.held_by_contact:
@@ -91,42 +83,17 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
             f"moduli of scene '{scene.name}' depend on parameters: condensed models of bodies "
             "that slide are of constant ones. Give numbers, or take condensed=False"
         )
-    pairs = dict(_pairs(full, scene))
-    laws = [
-        FrictionLaw.of(
-            law if isinstance(law, Coulomb | Tresca) else Coulomb(0.0),
-            scene.parameters,
-            f"contact {number}",
-        )
-        for number, (law, contact) in enumerate(zip(scene.laws, scene.contacts, strict=True))
-        if _slides(contact)
-    ]
     base: Any = full
     if condensed:
         nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
         base = exact_condensation(full, nothing, field=False)
-    fixed = np.array(
-        [k for k, name in enumerate(scene.parameters.names) if name in scene.named], dtype=np.int64
-    )
     surfaces = full.discretisation
     assert isinstance(surfaces, SurfacesThatSlide)
-    rubs = problem.law.of("friction")
-    others = rubs if isinstance(rubs, Friction) else no_friction(problem.block_size)
-    sliding = tuple(pairs.values())
-    friction = layout(sliding, laws, fixed, problem.block_size, others)
-    pressing = {number: law for number, law in enumerate(scene.laws) if _is_of_others(law)}
-    of_slaves = {number: law for number, law in pressing.items() if number in pairs}
-    ranges = on_slaves(of_slaves, pairs, surfaces) if of_slaves else ()
-    law = beside_laws(friction, problem.law, ranges, sliding[0].first)
-    return SlidingModel(base, sliding, law, surfaces.beside)
+    law = surfaces.sliding
+    return SlidingModel(base, law.pairs, base.law if flows else law.friction, law.beside)
 
 
-def _is_of_others(law: PairLaw | None) -> TypeGuard[PairLaw]:
-    """True for a law that is not friction."""
-    return law is not None and law.plugin != Friction.plugin
-
-
-def _slides(item: Pairing) -> bool:
+def _slides(item: Pairing) -> TypeGuard[NodeToSurface | Mortar]:
     """True for a pair that is paired again."""
     return isinstance(item, REPEATED) and getattr(item, "multipliers", "dual") == "dual"
 
@@ -151,21 +118,13 @@ def _check(scene: Scene) -> None:
             f"no contact of scene '{scene.name}' has two surfaces that slide: take "
             "hhr.condense(scene)"
         )
-    _check_bodies(scene)
+    _check_shapes(scene)
     for output in scene.outputs:
         _check_output(scene, output)
 
 
-def _check_bodies(scene: Scene) -> None:
-    """Raise SceneError for bodies whose deformation is more than a compliance of their surfaces."""
-    for body in scene.bodies:
-        if body.reader:
-            raise SceneError(
-                f"body {body.tag} of scene '{scene.name}' has a law, {body.law!r}, that is not "
-                "built in where surfaces slide past their mesh: increments that pair them again "
-                "solve for contact forces by a compliance, which plastic strains change. Take an "
-                "elastic body"
-            )
+def _check_shapes(scene: Scene) -> None:
+    """Raise SceneError for bodies whose shape depends on parameters."""
     for shape in scene.shapes:
         raise SceneError(
             f"the shape of body {shape.tag} of scene '{scene.name}' depends on parameters, which "
@@ -206,61 +165,3 @@ def _check_output(scene: Scene, output: Output) -> None:
             f"output '{output.name}' is not built in where surfaces slide past their mesh: "
             f"{names} are; slip and wear are in an answer's slip"
         )
-
-
-def _pairs(full: FullOrderOfSurfaces, scene: Scene) -> Iterator[tuple[int, SlidingPair]]:
-    """The surfaces of each pair that slides, by its number.
-
-    Errors of the pairing if they do not face each other as meshed.
-    """
-    problem = full.problem
-    of_dofs = [number for number, contact in enumerate(scene.contacts) if _slides(contact)]
-    first = int(np.flatnonzero(np.isin(problem.contact_pairs, of_dofs))[0])
-    first_seen: dict[int, tuple[int, np.ndarray]] = {}
-    for number in of_dofs:
-        contact = scene.contacts[number]
-        assert isinstance(contact, REPEATED)
-        pairing = dataclasses.replace(
-            contact, friction=None, law=None
-        )  # the model has the law, not the rows
-        surfaces = [full.discretisation.surface(tag) for tag in contact.tags]
-        nodes, points = nodes_of(surfaces)
-        slave, master = (renumbered(surface, nodes) for surface in surfaces)
-        rows = pairing.rows((slave, master), points.size)
-        normals = normals_of(rows.matrix, rows.slaves, points.shape[1])
-        for node, normal in zip(nodes[rows.slaves].tolist(), normals, strict=True):
-            other_number, before = first_seen.setdefault(node, (number, normal))
-            if scene.contacts[other_number].tags[0] != contact.tags[0] and before @ normal > CREASE:
-                raise SceneError(
-                    f"the slaves of contacts {other_number} and {number} of scene '{scene.name}' "
-                    "share nodes, which is not built in where surfaces slide past their mesh: make "
-                    "one contact of both, of one tag"
-                )
-        clearance = _clearance(scene, number, slave, rows)
-        opening = _opening(scene, number)
-        yield number, SlidingPair(pairing, slave, master, first, nodes.size, clearance, opening)
-        first += points.size
-
-
-def _opening(scene: Scene, place: int) -> np.ndarray:
-    """Sum of the openings of a contact, a constant and the slope of each parameter, (1 + P,)."""
-    amplitudes = [opening.amplitude for opening in scene.openings if opening.contact == place]
-    rows = [
-        np.array([amplitude.constant, *amplitude.row(scene.parameters)]) for amplitude in amplitudes
-    ]
-    return np.sum(rows, axis=0) if rows else np.zeros(1 + len(scene.parameters.names))
-
-
-def _clearance(scene: Scene, place: int, slave: Surface, rows: ContactRows) -> np.ndarray:
-    """Gap of each slave node as meshed if an opening overwrites it, else zeros, (n,)."""
-    clearance = np.zeros(slave.nodes.size)
-    if scene.overwritten(place):
-        if rows.gap.size < clearance.size:
-            raise SceneError(
-                f"an opening overwrites the gaps of contact {place} of scene '{scene.name}', "
-                f"which slides, and {clearance.size - rows.gap.size} of its {clearance.size} slave "
-                "nodes face nothing as meshed: the gap that they have there is unknown. Swap slave "
-                "and master, or leave out overwrites=True"
-            )
-        clearance[np.searchsorted(slave.nodes, rows.slaves)] = rows.gap
-    return clearance

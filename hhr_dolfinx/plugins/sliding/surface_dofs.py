@@ -23,6 +23,8 @@ from hhr_dolfinx.pairings.obstacle import Obstacle
 from hhr_dolfinx.pairings.surface import SlaveAndMaster, Surface
 from hhr_dolfinx.plugins.friction.tangents import tangents_of
 from hhr_dolfinx.plugins.sliding.beside import BesideTools
+from hhr_dolfinx.plugins.sliding.law import SlidingLaw
+from hhr_dolfinx.plugins.sliding.pairs import sliding_law
 from hhr_dolfinx.plugins.sliding.pressures import before_dofs
 from hhr_dolfinx.plugins.sliding.repairing import no_friction, nodes_of
 from hhr_dolfinx.scene import Scene
@@ -65,9 +67,13 @@ class SurfacesThatSlide(Discretisation):
 
     Attributes:
         beside: conditions of curved tools, whose motion along them are the last rows.
+        meant: the scene with the pairs that are paired again.
+        sliding: these pairs, and the law on them.
     """
 
     beside = BesideTools.none()
+    meant: Scene
+    sliding: SlidingLaw
     _prolongation: Prolongation
 
     def conditions(
@@ -96,6 +102,7 @@ class SurfacesThatSlide(Discretisation):
         self._prolongation = eliminated.prolongation
         lifts = eliminated.prolongation.lifts
         if slide.all():
+            law = self._slides(law, 0)
             return dofs, pairs, -(dofs.matrix @ lifts).toarray(), law, None
         fixed_rows = np.flatnonzero(~slide)
         fixed, of_pairs, gaps, law_of_pairs, shares = super().conditions(
@@ -105,7 +112,7 @@ class SurfacesThatSlide(Discretisation):
         self.beside = self._beside_tools(fixed, of_pairs, law)
         along = _along(fixed.take(self.beside.conditions))
         moving = joined([dofs, along])
-        law = before_dofs(law, of_pairs.size, of_pairs.size + moving.gap.size)
+        law = self._slides(law, of_pairs.size, moving.gap.size)
         gaps = np.vstack(
             [gaps, -(moving.matrix @ lifts).toarray()]
         )  # openings add to gaps of pairs, not of dofs
@@ -118,6 +125,23 @@ class SurfacesThatSlide(Discretisation):
             law,
             shares,
         )
+
+    def _slides(self, of_others: ContactLaw, first: int, further: int = 0) -> ContactLaw:
+        """Law on all rows: that of the pairs that do not slide, or for bodies with laws of all.
+
+        Args:
+            of_others: law of the pairs that do not slide.
+            first: number of their conditions.
+            further: number of rows that follow.
+        """
+        sliding = {
+            number: contact
+            for number, contact in enumerate(self.meant.contacts)
+            if isinstance(self.scene.contacts[number], SurfaceDofs)
+        }
+        self.sliding = sliding_law(self.meant, sliding, self, of_others, first)
+        flows = any(body.reader for body in self.scene.bodies)
+        return self.sliding if flows else before_dofs(of_others, first, first + further)
 
     @property
     def dofs(self) -> int:
@@ -165,22 +189,19 @@ def _along(rows: ContactRows) -> ContactRows:
     return ContactRows(matrix, nothing, slaves, np.repeat(rows.points, dim - 1, axis=0), nothing)
 
 
-def discretised(scene: Scene, comm: MPI.Comm) -> SurfacesThatSlide:
-    """Finite element model of such a scene, by the class of its system if that brings one.
+class FullOrderOfSurfaces(FullOrderModel):
+    """Full order of such a scene.
 
     Args:
-        scene: the scene.
+        scene: the scene with rows of the dofs of surfaces.
         comm: communicator of its mesh.
+        meant: the scene with the pairs that are paired again.
     """
-    made: type[Discretisation] = getattr(scene.system, "discretised", Discretisation)
-    if made is Discretisation:
-        return SurfacesThatSlide(scene, comm)
-    kind = type(f"{made.__name__}ThatSlides", (SurfacesThatSlide, made), {})
-    model: SurfacesThatSlide = kind(scene, comm)
-    return model
 
+    def __init__(self, scene: Scene, comm: MPI.Comm, meant: Scene):
+        def kind(made: type[Discretisation]) -> type[Discretisation]:
+            bases = (SurfacesThatSlide,) if made is Discretisation else (SurfacesThatSlide, made)
+            return type(f"{made.__name__}ThatSlides", bases, {"meant": meant})
 
-class FullOrderOfSurfaces(FullOrderModel):
-    """Full order of such a scene."""
-
-    discretised = staticmethod(discretised)
+        self.kind = kind
+        super().__init__(scene, comm)

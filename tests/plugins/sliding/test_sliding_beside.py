@@ -402,9 +402,6 @@ def test_refusals_name_the_pair_the_body_and_the_reason():
             "contacts": (double, plane, circle)
         },
         "no contact .* has two surfaces that slide": {"contacts": (plane, circle), "outputs": ()},
-        f"body {SECOND} .* which plastic strains change": {
-            "bodies": (scene.bodies[0], hhr.Body(SECOND, 3000.0, 0.3, hhr.Plasticity(1.0)))
-        },
         f"shape of body {FIRST} .* depends on parameters": {
             "shapes": (hhr.Shape(FIRST, ("x", "y * (1 + wide)")),),
             "parameters": hhr.ParameterSpace(

@@ -1,0 +1,140 @@
+"""Pairs whose surfaces slide, as they are meshed, and the law on them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, TypeGuard
+
+import numpy as np
+
+from hhr_dolfinx.contact.rows import ContactRows, normals_of
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.pairings.surface import CREASE, Surface
+from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
+from hhr_dolfinx.plugins.friction.pair_laws import Coulomb, Tresca
+from hhr_dolfinx.plugins.sliding.law import SlidingLaw
+from hhr_dolfinx.plugins.sliding.pressures import beside_laws, on_slaves
+from hhr_dolfinx.plugins.sliding.repairing import (
+    SlidingPair,
+    layout,
+    no_friction,
+    nodes_of,
+    renumbered,
+)
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.law import ContactLaw, PairLaw
+    from hhr_dolfinx.plugins.sliding.surface_dofs import SurfacesThatSlide
+    from hhr_dolfinx.scene import Scene
+
+
+def sliding_law(
+    scene: Scene,
+    sliding: Mapping[int, Any],
+    surfaces: SurfacesThatSlide,
+    of_others: ContactLaw,
+    first: int,
+) -> SlidingLaw:
+    """The law of the pairs that slide, and of those beside them.
+
+    Args:
+        scene: the scene, with the pairs as they are paired again.
+        sliding: the pairs that slide, by their number.
+        surfaces: finite element model with rows of the dofs of surfaces.
+        of_others: law of the pairs that do not slide.
+        first: number of conditions of these.
+
+    Raises:
+        SceneError: for surfaces that do not face each other as meshed, or laws that exclude each
+            other there.
+    """
+    pairs = dict(_pairs(scene, sliding, surfaces, first))
+    laws_of_friction = [
+        FrictionLaw.of(
+            law if isinstance(law, Coulomb | Tresca) else Coulomb(0.0),
+            scene.parameters,
+            f"contact {number}",
+        )
+        for number, law in enumerate(scene.laws)
+        if number in pairs
+    ]
+    fixed = np.array(
+        [k for k, name in enumerate(scene.parameters.names) if name in scene.named], dtype=np.int64
+    )
+    every = tuple(pairs.values())
+    dim = every[0].slave.points.shape[1]
+    found = of_others.of("friction")
+    others = found if isinstance(found, Friction) else no_friction(dim)
+    friction = layout(every, laws_of_friction, fixed, dim, others)
+    of_slaves = {
+        number: law
+        for number, law in enumerate(scene.laws)
+        if number in pairs and _is_no_friction(law)
+    }
+    ranges = on_slaves(of_slaves, pairs, surfaces) if of_slaves else ()
+    law = beside_laws(friction, of_others, ranges, first)
+    return SlidingLaw(every, law, surfaces.beside)
+
+
+def _is_no_friction(law: PairLaw | None) -> TypeGuard[PairLaw]:
+    """True for a law of another plug-in."""
+    return law is not None and law.plugin != Friction.plugin
+
+
+def _pairs(
+    scene: Scene,
+    sliding: Mapping[int, Any],
+    surfaces_on: SurfacesThatSlide,
+    first: int,
+) -> Iterator[tuple[int, SlidingPair]]:
+    """The surfaces of each pair that slides, by its number.
+
+    Errors of the pairing if they do not face each other as meshed.
+    """
+    first_seen: dict[int, tuple[int, np.ndarray]] = {}
+    for number, contact in sliding.items():
+        pairing = dataclasses.replace(
+            contact, friction=None, law=None
+        )  # the model has the law, not the rows
+        surfaces = [surfaces_on.surface(tag) for tag in contact.tags]
+        nodes, points = nodes_of(surfaces)
+        slave, master = (renumbered(surface, nodes) for surface in surfaces)
+        rows = pairing.rows((slave, master), points.size)
+        normals = normals_of(rows.matrix, rows.slaves, points.shape[1])
+        for node, normal in zip(nodes[rows.slaves].tolist(), normals, strict=True):
+            other_number, before = first_seen.setdefault(node, (number, normal))
+            if scene.contacts[other_number].tags[0] != contact.tags[0] and before @ normal > CREASE:
+                raise SceneError(
+                    f"the slaves of contacts {other_number} and {number} of scene '{scene.name}' "
+                    "share nodes, which is not built in where surfaces slide past their mesh: make "
+                    "one contact of both, of one tag"
+                )
+        clearance = _clearance(scene, number, slave, rows)
+        opening = _opening(scene, number)
+        yield number, SlidingPair(pairing, slave, master, first, nodes.size, clearance, opening)
+        first += points.size
+
+
+def _opening(scene: Scene, place: int) -> np.ndarray:
+    """Sum of the openings of a contact, a constant and the slope of each parameter, (1 + P,)."""
+    amplitudes = [opening.amplitude for opening in scene.openings if opening.contact == place]
+    rows = [
+        np.array([amplitude.constant, *amplitude.row(scene.parameters)]) for amplitude in amplitudes
+    ]
+    return np.sum(rows, axis=0) if rows else np.zeros(1 + len(scene.parameters.names))
+
+
+def _clearance(scene: Scene, place: int, slave: Surface, rows: ContactRows) -> np.ndarray:
+    """Gap of each slave node as meshed if an opening overwrites it, else zeros, (n,)."""
+    clearance = np.zeros(slave.nodes.size)
+    if scene.overwritten(place):
+        if rows.gap.size < clearance.size:
+            raise SceneError(
+                f"an opening overwrites the gaps of contact {place} of scene '{scene.name}', "
+                f"which slides, and {clearance.size - rows.gap.size} of its {clearance.size} slave "
+                "nodes face nothing as meshed: the gap that they have there is unknown. Swap slave "
+                "and master, or leave out overwrites=True"
+            )
+        clearance[np.searchsorted(slave.nodes, rows.slaves)] = rows.gap
+    return clearance
