@@ -50,8 +50,8 @@ class Bodies:
 
     places = 0
 
-    def __init__(self, scene):
-        self.discretisation = Discretisation(scene, MPI.COMM_SELF)
+    def __init__(self, scene, kind):
+        self.discretisation = kind(Discretisation)(scene, MPI.COMM_SELF)
         self.stiffness, self.moduli = self.discretisation.stiffness_terms()
 
     def equilibrium(self, full):

@@ -4,7 +4,7 @@ from hhr_dolfinx.registry import Plugin
 
 PLUGIN = Plugin(
     name="sliding",
-    needs=("friction", "mortar", "nonmatching"),
+    needs=("contact_laws", "friction", "mortar", "nonmatching"),
     public={"hhr_dolfinx.plugins.sliding.slide": "slide"},
     classes={
         "hhr_dolfinx.plugins.sliding.beside": "BesideTools",

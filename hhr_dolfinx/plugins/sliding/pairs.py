@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING, Any, Protocol, TypeGuard
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.rows import ContactRows, normals_of
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.surface import CREASE, Surface
+from hhr_dolfinx.plugins.contact_laws.interface import Range, ranged
 from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
 from hhr_dolfinx.plugins.friction.pair_laws import Coulomb, Tresca
 from hhr_dolfinx.plugins.sliding.law import SlidingLaw
-from hhr_dolfinx.plugins.sliding.pressures import beside_laws, on_slaves
+from hhr_dolfinx.plugins.sliding.pressures import beside_laws
 from hhr_dolfinx.plugins.sliding.repairing import (
     SlidingPair,
     layout,
@@ -25,14 +27,39 @@ from hhr_dolfinx.plugins.sliding.repairing import (
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.law import ContactLaw, PairLaw
-    from hhr_dolfinx.plugins.sliding.surface_dofs import SurfacesThatSlide
+    from hhr_dolfinx.parameters import Tag
+    from hhr_dolfinx.plugins.sliding.beside import BesideTools
     from hhr_dolfinx.scene import Scene
+
+
+class DofsOfSurfaces(Protocol):
+    """Finite element model with rows of the dofs of surfaces."""
+
+    beside: BesideTools
+
+    @property
+    def dofs(self) -> int:
+        """Number of dofs of the mesh, N."""
+
+    def surface(self, tag: Tag) -> Surface:
+        """Surface of a tag."""
+
+    def laws_on(
+        self, laws: dict[int, PairLaw], rows: ContactRows, pairs: np.ndarray
+    ) -> tuple[ContactRows, ContactLaw]:
+        """Rows with those that laws append, and the law on all of them.
+
+        Args:
+            laws: laws by pair.
+            rows: conditions of pressures.
+            pairs: contact of each, (n,).
+        """
 
 
 def sliding_law(
     scene: Scene,
     sliding: Mapping[int, Any],
-    surfaces: SurfacesThatSlide,
+    surfaces: DofsOfSurfaces,
     of_others: ContactLaw,
     first: int,
 ) -> SlidingLaw:
@@ -72,9 +99,40 @@ def sliding_law(
         for number, law in enumerate(scene.laws)
         if number in pairs and _is_no_friction(law)
     }
-    ranges = on_slaves(of_slaves, pairs, surfaces) if of_slaves else ()
+    ranges = _on_slaves(of_slaves, pairs, surfaces) if of_slaves else ()
     law = beside_laws(friction, of_others, ranges, first)
     return SlidingLaw(every, law, surfaces.beside)
+
+
+def _on_slaves(
+    laws: dict[int, PairLaw], pairs: Mapping[int, SlidingPair], full: DofsOfSurfaces
+) -> tuple[Range, ...]:
+    """Laws of the pairs that slide, on their slave nodes, (C,).
+
+    Args:
+        laws: laws of plug-ins other than friction, by pair; not empty.
+        pairs: the pairs that slide, by their number.
+        full: finite element model of the scene.
+
+    Raises:
+        SceneError: for a law with rows of its own.
+    """
+    slaves = [pair.slave for pair in pairs.values()]
+    nodes = np.concatenate([slave.nodes for slave in slaves])
+    numbers = np.repeat(list(pairs), [slave.nodes.size for slave in slaves])
+    points = np.concatenate([slave.points for slave in slaves])
+    areas = np.concatenate([slave.areas for slave in slaves])
+    rows = ContactRows(
+        csr_matrix((nodes.size, full.dofs)), np.zeros(nodes.size), nodes, points, areas
+    )
+    longer, law = full.laws_on(laws, rows, numbers)
+    if longer.gap.size != nodes.size:
+        words = " and ".join(law.words for law in laws.values())
+        raise SceneError(
+            f"{words} adds conditions to those of pressures, and conditions of surfaces that slide "
+            "are made again in each increment: laws of pressures alone are built in there"
+        )
+    return ranged(law, nodes.size).ranges
 
 
 def _is_no_friction(law: PairLaw | None) -> TypeGuard[PairLaw]:
@@ -85,7 +143,7 @@ def _is_no_friction(law: PairLaw | None) -> TypeGuard[PairLaw]:
 def _pairs(
     scene: Scene,
     sliding: Mapping[int, Any],
-    surfaces_on: SurfacesThatSlide,
+    surfaces_on: DofsOfSurfaces,
     first: int,
 ) -> Iterator[tuple[int, SlidingPair]]:
     """The surfaces of each pair that slides, by its number.

@@ -10,10 +10,8 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw, PairLaw
-from hhr_dolfinx.contact.rows import ContactRows
+from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.plugins.contact_laws.interface import Interface, Range, ranged
@@ -26,8 +24,6 @@ from hhr_dolfinx.plugins.friction.sliding_set import Sliding
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.friction.slider import IncrementEnd, SlidingState
     from hhr_dolfinx.plugins.friction.sliding_set import SlidingIncrement
-    from hhr_dolfinx.plugins.sliding.repairing import SlidingPair
-    from hhr_dolfinx.plugins.sliding.surface_dofs import SurfacesThatSlide
 
 
 @dataclass(frozen=True)
@@ -104,37 +100,6 @@ class FrictionBesideLaws(Friction):
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
         slip = Memory(slip=SlipState(**{name: arrays[name] for name in super().layout}))
         return slip | self.laws_of_pressures.restored(arrays)
-
-
-def on_slaves(
-    laws: dict[int, PairLaw], pairs: Mapping[int, SlidingPair], full: SurfacesThatSlide
-) -> tuple[Range, ...]:
-    """Laws of the pairs that slide, on their slave nodes, (C,).
-
-    Args:
-        laws: laws of plug-ins other than friction, by pair; not empty.
-        pairs: the pairs that slide, by their number.
-        full: finite element model of the scene.
-
-    Raises:
-        SceneError: for a law with rows of its own.
-    """
-    slaves = [pair.slave for pair in pairs.values()]
-    nodes = np.concatenate([slave.nodes for slave in slaves])
-    numbers = np.repeat(list(pairs), [slave.nodes.size for slave in slaves])
-    points = np.concatenate([slave.points for slave in slaves])
-    areas = np.concatenate([slave.areas for slave in slaves])
-    rows = ContactRows(
-        csr_matrix((nodes.size, full.dofs)), np.zeros(nodes.size), nodes, points, areas
-    )
-    longer, law = full.laws_on(laws, rows, numbers)
-    if longer.gap.size != nodes.size:
-        words = " and ".join(law.words for law in laws.values())
-        raise SceneError(
-            f"{words} adds conditions to those of pressures, and conditions of surfaces that slide "
-            "are made again in each increment: laws of pressures alone are built in there"
-        )
-    return ranged(law, nodes.size).ranges
 
 
 def before_dofs(law: ContactLaw, kept: int, count: int) -> ContactLaw:
@@ -296,7 +261,8 @@ class PressureLaws:
         contacts = [places_of(rows, friction.normal) for rows, _ in under]
         of_contacts = _PressureStep(contacts, [step for _, step in under], friction.normal.size)
         step_of_friction = FrictionStep(local, before.slip, target.point, of_contacts)
-        step_of_friction.coefficient, step_of_friction.limit = given.coefficient, given.limit
+        step_of_friction.coefficient = given.coefficient
+        step_of_friction.limit = given.limit
         compliance = np.zeros(len(schur))
         diagonal = np.abs(np.diag(schur))[of_friction]
         compliance[of_friction] = FrictionRange(local).compliance(diagonal)

@@ -12,6 +12,7 @@ import sliding_punch as demo
 from mpi4py import MPI
 from needs import needs
 from scenes import pair_scene, slope
+from sliding_scenes import DOWN, LOWER, OPENINGS, ROUND_TRIP, UPPER, mirrored
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FarSlidingWarning, SceneError, SceneWarning
@@ -19,85 +20,11 @@ from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
 from hhr_dolfinx.plugins.sliding.repairing import idle_contacts
 
 CELLS = 60
-UPPER, LOWER = side(SECOND, 1, False), side(FIRST, 1, True)
-DOWN = (0.0, -1.0)
 NOTHING = hhr.Amplitude()
 
 
 def full_order(scene):
     return hhr.FullOrderModel(scene, MPI.COMM_SELF)
-
-
-def mirrored(pairing, **others) -> hhr.Scene:
-    """Two blocks, each the image of the other: nodes of their round sides face each other whatever
-    symmetric acts.
-
-    The left flanks are imposed down to the surfaces in contact, and draw both blocks onto tools on
-    their right.
-    """
-
-    def warp(points, tag):
-        x, y = points.T
-        return np.column_stack(
-            [x, y + (-0.02 if tag == FIRST else 0.02) * (x - 1) ** 2 * (1 - abs(y))]
-        )
-
-    sides = [(body, 1, upper) for body, upper in ((FIRST, False), (SECOND, True))]
-    pushed = [
-        hhr.Displacement(side(*one), 1, slope("push", sign))
-        for one, sign in zip(sides, (1.0, -1.0), strict=True)
-    ]
-    drawn = [hhr.Displacement(side(body, 0, False), 0, slope("drag")) for body in (FIRST, SECOND)]
-    tools = [
-        hhr.Circle(side(body, 0, True), center=(3.01, 0.0), radius=1.0, friction=0.5)
-        for body in (FIRST, SECOND)
-    ]
-    outputs = (
-        hhr.ContactForce("between", 0, (0.0, 1.0)),
-        hhr.ContactForce("tool", 1, (1.0, 0.0)),
-        hhr.ContactForce("rubs", 2, (0.0, 1.0)),
-        hhr.LargestPressure("peak", 1),
-        hhr.LargestPressure("peak between", 0),
-        hhr.ContactWidth("width", 0),
-        hhr.LostContact("lost", 0),
-        hhr.DisplacementAt("moved", (2.0, 0.67), 1),
-        hhr.ElasticEnergy("energy"),
-    )
-    return pair_scene(
-        "mirrored",
-        {"push": (-0.1, 0.1), "drag": (0.0, 0.2), "gap": (-0.1, 0.1)},
-        ((0.0, -1.0), (2.0, 0.0), (6, 3)),
-        ((0.0, 0.0), (2.0, 1.0), (6, 3)),
-        ((100.0, 0.3),) * 2,
-        warp=warp,
-        contacts=(pairing(UPPER, LOWER, DOWN), *tools),
-        displacements=(*pushed, *drawn),
-        outputs=outputs,
-        **others,
-    )
-
-
-ROUND_TRIP = [
-    (0.0, (0.0, 0.0, 0.0)),
-    (1.0, (0.03, 0.0, 0.0)),
-    (2.0, (0.03, 0.05, 0.01)),
-    (3.0, (0.05, 0.04, -0.01)),
-    (4.0, (-0.02, 0.06, 0.0)),
-    (5.0, (0.02, 0.07, 0.0)),
-    (6.0, (0.0199, 0.07, 0.0)),
-]
-"""Times, and push, drag and gap: contacts close and open, and tools press, slip and stick."""
-OPENINGS = {
-    "of the tools": tuple(hhr.Opening(place, slope("gap", 0.5)) for place in (1, 2)),
-    "added": (
-        hhr.Opening(0, hhr.Amplitude(0.002, slopes={"gap": 1.0})),
-        hhr.Opening(0, hhr.Amplitude(0.001)),
-    ),
-    "overwritten": (
-        hhr.Opening(0, slope("gap"), overwrites=True),
-        hhr.Opening(0, hhr.Amplitude(0.001)),
-    ),
-}
 
 
 @pytest.mark.parametrize(

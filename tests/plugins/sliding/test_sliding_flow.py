@@ -8,8 +8,18 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs
-from test_sliding_beside import OPENINGS, ROUND_TRIP, mirrored
-from test_sliding_laws import HEIGHT, PATH, PUSH, SOFT, WEARS, YOUNG, drawn
+from sliding_scenes import (
+    HEIGHT,
+    OPENINGS,
+    PATH,
+    PUSH,
+    ROUND_TRIP,
+    SOFT,
+    WEARS,
+    YOUNG,
+    drawn,
+    mirrored,
+)
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, SceneError

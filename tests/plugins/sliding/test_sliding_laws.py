@@ -8,39 +8,23 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs
-from scenes import pair_scene, slope
-from test_sliding_beside import OPENINGS, ROUND_TRIP, mirrored
+from sliding_scenes import (
+    HEIGHT,
+    OPENINGS,
+    PATH,
+    PUSH,
+    ROUND_TRIP,
+    SOFT,
+    WEARS,
+    YOUNG,
+    drawn,
+    mirrored,
+)
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
 
 pytestmark = [needs("sliding"), needs("obstacles"), needs("soft_contact"), needs("wear")]
-
-YOUNG, HEIGHT, PUSH = 1000.0, 2.0, 0.02
-"""Of the drawn block, without Poisson's ratio, on one a million times as stiff."""
-
-
-def drawn(law, pairing=hhr.NodeToSurface) -> hhr.Scene:
-    """A block pressed on a table, and drawn over 16 of its cells."""
-    top = side(SECOND, 1, True)
-    return pair_scene(
-        "drawn",
-        {"push": (0.0, 0.1), "way": (0.0, 8.0)},
-        ((-6.0, -1.0), (6.0, 0.0), (25, 2)),
-        ((-5.0, 0.0), (-3.0, HEIGHT), (4, 4)),
-        ((1e6 * YOUNG, 0.0), (YOUNG, 0.0)),
-        contacts=(pairing(side(SECOND, 1, False), side(FIRST, 1, True), law=law),),
-        displacements=(
-            *hhr.Displacement.clamp(side(FIRST, 1, False), 2),
-            hhr.Displacement(top, 0, slope("way")),
-            hhr.Displacement(top, 1, slope("push", -1.0)),
-        ),
-        outputs=(hhr.ContactForce("bears", 0, (0.0, 1.0)),),
-    )
-
-
-PATH = [(0.0, (0.0, 0.0)), *((1.0 + k, (PUSH, 1.1 * k)) for k in range(7))]
 
 
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
@@ -77,7 +61,6 @@ def test_what_wears_stays_on_the_slave(condensed, tmp_path):
     assert worn > 0.25 * PUSH
 
 
-SOFT, WEARS = hhr.SoftContact(stiffness=60.0), hhr.ArchardWear(constant=0.05)
 TABLE = hhr.SoftContact(table=((0.0, 0.0), (0.01, 1.0), (0.02, 4.0)))
 
 
