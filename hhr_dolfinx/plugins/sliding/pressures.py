@@ -16,7 +16,13 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.plugins.contact_laws.interface import Interface, Range, ranged
 from hhr_dolfinx.plugins.contact_laws.range_increments import SolversOfRanges, joined
-from hhr_dolfinx.plugins.contact_laws.ranges import Linearised, OffDiagonal, Ranges, RangeStep
+from hhr_dolfinx.plugins.contact_laws.ranges import (
+    Linearised,
+    OffDiagonal,
+    Ranges,
+    RangeStep,
+    Together,
+)
 from hhr_dolfinx.plugins.friction.laws import Friction, SlipState, places_of
 from hhr_dolfinx.plugins.friction.range import FrictionRange, FrictionStep
 from hhr_dolfinx.plugins.friction.sliding_set import Sliding
@@ -271,25 +277,25 @@ class PressureLaws:
         free[friction.tangential] += before.slip.position
         ranges = Ranges(schur, [of_friction, *(rows for rows, _ in alone)], compliance)
         every = [step_of_friction, *(step for _, step in alone)]
-        found = ranges.solve(free, every, before.forces)
-        active = found.active.copy()
-        slack = found.slack.copy()
-        held = np.intersect1d(np.flatnonzero(active), friction.tangential)
-        slack[held] = 0.0
-        memory = joined(
-            [
-                step.after(found.forces[rows], slack[rows], active[rows])
-                for rows, step in (*under, *alone)
-            ]
-        )
-        solution = Sliding(
-            found.forces,
-            active,
-            slack,
-            np.zeros(0),
-            found.iterations,
-            found.projections,
-            found.status,
-            found.unsettled,
-        )
-        return solution, memory
+        found = _as_sliding(ranges.solve(free, every, before.forces), friction)
+        memories = [
+            step.after(found.forces[rows], found.slack[rows], found.active[rows])
+            for rows, step in (*under, *alone)
+        ]
+        return found, joined(memories)
+
+
+def _as_sliding(found: Together, friction: Friction) -> Sliding:
+    """The outcome as one of friction: contacts that stick do not slip by round-off."""
+    slack = found.slack.copy()
+    slack[np.intersect1d(np.flatnonzero(found.active), friction.tangential)] = 0.0
+    return Sliding(
+        found.forces,
+        found.active,
+        slack,
+        np.zeros(0),
+        found.iterations,
+        found.projections,
+        found.status,
+        found.unsettled,
+    )
