@@ -90,7 +90,7 @@ def drawn(law, pairing=hhr.NodeToSurface) -> hhr.Scene:
     top = side(SECOND, 1, True)
     return pair_scene(
         "drawn",
-        {"push": (0.0, 0.1), "way": (0.0, 8.0)},
+        {"push": (0.0, 0.1), "way": (0.0, 12.0)},
         ((-6.0, -1.0), (6.0, 0.0), (25, 2)),
         ((-5.0, 0.0), (-3.0, HEIGHT), (4, 4)),
         ((1e6 * YOUNG, 0.0), (YOUNG, 0.0)),

@@ -21,7 +21,7 @@ from hhr_dolfinx.contact.problem import ContactProblem, Reshaping
 from hhr_dolfinx.contact.stiffness import FactorStore, ScaledStiffness, SparseStiffness, Stiffness
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.formulas import Modulus, coordinate_names
-from hhr_dolfinx.full_order.discretisation import ChangedClass, Discretisation
+from hhr_dolfinx.full_order.discretisation import ChangedClass, Discretisation, as_it_is
 from hhr_dolfinx.group import group_of, share
 from hhr_dolfinx.linear.rows import rows_of
 from hhr_dolfinx.models.answer import Answer
@@ -475,7 +475,7 @@ def equilibrium_of(full: FullModel) -> FullOrderEquilibrium:
     return equilibrium
 
 
-def bodies_of(scene: Scene, kind: ChangedClass) -> GaussModel:
+def bodies_of(scene: Scene, kind: ChangedClass = as_it_is) -> GaussModel:
     """The Gauss points of a scene: the facet ``full_order``.
 
     Args:

@@ -11,7 +11,7 @@ PLUGIN = Plugin(
         "hhr_dolfinx.plugins.sliding.law": "SlidingLaw",
         "hhr_dolfinx.plugins.sliding.model": "SlidingModel",
         "hhr_dolfinx.plugins.sliding.outputs": "LargestOfSlaves LoadedOfSlaves",
-        "hhr_dolfinx.plugins.sliding.pressures": "FrictionBesideLaws",
+        "hhr_dolfinx.plugins.sliding.pressures": "FrictionBesideLaws SlidingFriction",
         "hhr_dolfinx.plugins.sliding.repairing": "SlidingPair",
     },
     facets={

@@ -19,6 +19,7 @@ from hhr_dolfinx.outputs import (
 )
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.plugins.friction.laws import SLIP
+from hhr_dolfinx.plugins.sliding.pressures import FACING
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals.functional import Functional, State
@@ -35,11 +36,18 @@ class _OfSlaves(OfPressures):
     uses_forces: ClassVar[bool] = False
     differentiable: ClassVar[bool] = False
 
+    def facing(self, state: State) -> np.ndarray:
+        """Area of each slave node that faces the master, (c,)."""
+        if FACING not in state.memory:
+            return self.areas
+        areas: np.ndarray = self.areas * state.memory[FACING][self.conditions]
+        return areas
+
     def pressures(self, state: State) -> np.ndarray:
         """Pressure of each slave node, (c,); zero at rest."""
         if SLIP not in state.memory:
             return np.zeros(self.areas.size)
-        pressures: np.ndarray = state.memory[SLIP].pressure[self.conditions] / self.areas
+        pressures: np.ndarray = state.memory[SLIP].pressure[self.conditions] / self.facing(state)
         return pressures
 
 
@@ -51,6 +59,12 @@ class LargestOfSlaves(_OfSlaves, Largest):
 @dataclass(frozen=True, eq=False)
 class LoadedOfSlaves(_OfSlaves, Loaded):
     """Area of slave nodes under load times a factor and an offset."""
+
+    def value(self, state: State) -> float:
+        """Area of the parts that face the master, where the pressure exceeds a part of the
+        largest.
+        """
+        return float(self.offset + self.factor * self.facing(state)[self._loaded(state)].sum())
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from hhr_dolfinx.plugins.contact_laws.ranges import (
     RangeStep,
     Together,
 )
-from hhr_dolfinx.plugins.friction.laws import Friction, SlipState, places_of
+from hhr_dolfinx.plugins.friction.laws import SLIP, Friction, SlipState, places_of
 from hhr_dolfinx.plugins.friction.range import FrictionRange, FrictionStep
 from hhr_dolfinx.plugins.friction.sliding_set import Sliding
 
@@ -32,8 +32,31 @@ if TYPE_CHECKING:
     from hhr_dolfinx.plugins.friction.sliding_set import SlidingIncrement
 
 
+FACING = "facing_share"
+"""Name of the memory of the share of each contact's area that faces its master."""
+
+
 @dataclass(frozen=True)
-class FrictionBesideLaws(Friction):
+class SlidingFriction(Friction):
+    """Friction of all contacts, the slave nodes of pairs that slide first."""
+
+    @property
+    def layout(self) -> dict[str, tuple[str, ...]]:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return {**super().layout, FACING: ("float", "frictional")}
+
+    def stored(self, memory: Memory) -> dict[str, np.ndarray]:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return {**super().stored(memory), FACING: memory[FACING]}
+
+    def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        slip = SlipState(**{name: arrays[name] for name in super().layout})
+        return Memory(**{SLIP: slip, FACING: arrays[FACING]})
+
+
+@dataclass(frozen=True)
+class FrictionBesideLaws(SlidingFriction):
     """Friction of all contacts, and laws on the pressures of some."""
 
     #: laws on all pressures: those of the pairs that do not slide, then of the slave nodes. Each
@@ -104,8 +127,7 @@ class FrictionBesideLaws(Friction):
 
     def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        slip = Memory(slip=SlipState(**{name: arrays[name] for name in super().layout}))
-        return slip | self.laws_of_pressures.restored(arrays)
+        return super().restored(arrays) | self.laws_of_pressures.restored(arrays)
 
 
 def before_dofs(law: ContactLaw, kept: int, count: int) -> ContactLaw:
@@ -164,6 +186,54 @@ def _check_once(ranges: Sequence[Range]) -> None:
                 f"pairs that slide and others have laws of the plug-in '{name}', whose memory has "
                 "the conditions of one of both: that is not built in. Give one of both another law"
             )
+
+
+class _FacingStep(RangeStep):
+    """A law on contacts of which a share of the area faces the master, (k,).
+
+    Forces of a law are pressures times areas: those on a share are the share of its forces.
+    """
+
+    def __init__(self, step: RangeStep, share: np.ndarray):
+        self._step = step
+        self._share = share
+        self.shift = step.shift
+
+    def linearised(
+        self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
+    ) -> Linearised:
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`: P x + Q s = r of forces
+        x / share is P x + share Q s = share r.
+
+        Args:
+            forces: forces of the contacts, (k,).
+            slack: slacks of the contacts, (k,).
+            stiffness: c, force per slack of each contact, (k,).
+            attempt: number of the way to choose statuses.
+        """
+        share = self._share
+        at = self._step.linearised(forces / share, slack, stiffness / share, attempt)
+        coupling = at.coupling
+        if coupling is not None:
+            rows, columns, on_forces, on_slack = coupling
+            on_forces = on_forces * share[rows] / share[columns]
+            coupling = OffDiagonal(rows, columns, on_forces, on_slack * share[rows])
+        return at._replace(
+            off=at.off * share,
+            on_slack=at.on_slack * share,
+            right=at.right * share,
+            coupling=coupling,
+        )
+
+    def after(self, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> Memory:
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`.
+
+        Args:
+            forces: forces of the contacts, (k,).
+            slack: slacks of the contacts, (k,).
+            active: contacts that touch, (k,) bool.
+        """
+        return self._step.after(forces / self._share, slack, active)
 
 
 class _PressureStep(RangeStep):
@@ -246,6 +316,7 @@ class PressureLaws:
         schur: np.ndarray,
         friction: Friction,
         given: SlidingIncrement,
+        share: np.ndarray,
         before: SlidingState,
         target: IncrementEnd,
     ) -> tuple[Sliding, Memory]:
@@ -255,6 +326,7 @@ class PressureLaws:
             schur: S of the pairing, (M, M).
             friction: friction of its rows.
             given: loads and bounds of friction.
+            share: part of the area of each contact that faces its master, (C,).
             before: state at the start.
             target: end of the increment.
         """
@@ -262,9 +334,12 @@ class PressureLaws:
         local = friction.within(of_friction)
         steps = self._solvers.steps(before.laws, target.point, target.time - before.time)
         laws = list(zip(self._rows, steps, self._with_friction, strict=True))
-        under = [(rows, step) for rows, step, both in laws if both]
+        places = {id(rows): places_of(rows, friction.normal) for rows, _, both in laws if both}
+        under = [
+            (rows, _FacingStep(step, share[places[id(rows)]])) for rows, step, both in laws if both
+        ]
         alone = [(rows, step) for rows, step, both in laws if not both]
-        contacts = [places_of(rows, friction.normal) for rows, _ in under]
+        contacts = [places[id(rows)] for rows, _ in under]
         of_contacts = _PressureStep(contacts, [step for _, step in under], friction.normal.size)
         step_of_friction = FrictionStep(local, before.slip, target.point, of_contacts)
         step_of_friction.coefficient = given.coefficient

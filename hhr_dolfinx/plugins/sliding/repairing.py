@@ -33,7 +33,12 @@ from hhr_dolfinx.plugins.friction.sliding_set import Sliding, SlidingContact, Sl
 from hhr_dolfinx.plugins.friction.tangents import tangents_of
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
 from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
-from hhr_dolfinx.plugins.sliding.pressures import FrictionBesideLaws, PressureLaws
+from hhr_dolfinx.plugins.sliding.pressures import (
+    FACING,
+    FrictionBesideLaws,
+    PressureLaws,
+    SlidingFriction,
+)
 from hhr_dolfinx.warn import ignored, warn
 
 if TYPE_CHECKING:
@@ -94,7 +99,18 @@ def deformed(surface: Surface, displacement: np.ndarray) -> Surface:
     sizes = np.linalg.norm(vectors, axis=1)
     outward = vectors / sizes[:, None]
     outward[np.einsum("ij,ij->i", outward, surface.outward) < 0] *= -1
-    return replace(surface, points=points, outward=outward, sizes=sizes)
+    now = replace(surface, points=points, outward=outward, sizes=sizes)
+    before, after = (_integrals(one) for one in (surface, now))
+    grown = np.divide(after, before, out=np.ones(before.size), where=before > 0)
+    return replace(now, areas=surface.areas * grown)
+
+
+def _integrals(surface: Surface) -> np.ndarray:
+    """Integral of the linear function of each node over a surface, (n,)."""
+    weights = surface.weights[surface.facets]
+    shares = weights + weights.sum(axis=1, keepdims=True)
+    values = surface.sizes[:, None] * shares / (surface.facets.shape[1] + 1)
+    return np.bincount(surface.facets.ravel(), values.ravel(), len(surface.nodes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,8 +152,8 @@ class SlidingPair:
 
     def rows(
         self, displacement: np.ndarray, before: np.ndarray, opened: np.ndarray
-    ) -> tuple[ContactRows | None, np.ndarray]:
-        """Rows at the displaced nodes, and the index of the slave node of each.
+    ) -> PairedNodes | None:
+        """Rows at the displaced nodes; None if the surfaces do not face each other.
 
         Any overlap is at most the motion since the last pairing and the opening, however thin the
         cells are.
@@ -146,9 +162,6 @@ class SlidingPair:
             displacement: displacement of the nodes, (nodes, dim).
             before: displacement at the last pairing, (nodes, dim).
             opened: opening of each slave node, by which the bodies may have overlapped before.
-
-        Returns:
-            The rows, None if the surfaces do not face each other, and the indices.
         """
         dim = displacement.shape[1]
         ways = np.linalg.norm(displacement - before, axis=1)
@@ -160,9 +173,19 @@ class SlidingPair:
             try:
                 rows = self.pairing.rows_of_deformed(surfaces, self.nodes * dim, overlap)
             except NeverFacingError:  # the surfaces have separated
-                return None, np.zeros(0, dtype=np.int64)
+                return None
         slaves = np.searchsorted(self.slave.nodes, rows.slaves)
-        return replace(rows, gap=rows.gap + opened[slaves]), slaves
+        area = surfaces[0].areas[slaves]
+        share = np.divide(rows.areas, area, out=np.ones(slaves.size), where=area > 0)
+        return PairedNodes(replace(rows, gap=rows.gap + opened[slaves]), slaves, share)
+
+
+class PairedNodes(NamedTuple):
+    """Rows of one pair."""
+
+    rows: ContactRows
+    slaves: np.ndarray  #: index of the slave node of each row, (c,)
+    share: np.ndarray  #: part of its area that faces the master, (c,)
 
 
 class Paired(NamedTuple):
@@ -175,6 +198,7 @@ class Paired(NamedTuple):
     #: n)
     matrix: csr_matrix
     gap: np.ndarray  #: of the slave nodes, (C,)
+    share: np.ndarray  #: part of the area of each contact that faces its master, (C + others,)
     at: np.ndarray  #: displacement at which they were paired, after m other numbers, (m + n,)
 
 
@@ -183,7 +207,7 @@ class PairedSolution(NamedTuple):
 
     found: Sliding
     slip: SlipState
-    laws: Memory  #: what laws of pressures remember
+    laws: Memory  #: memory of laws of pressures, and the shares of areas that face
     displacement: np.ndarray  #: of all dofs of surfaces, after m other numbers, (m + n,)
     surface_forces: np.ndarray  #: on them, after those of the pairs that do not slide, (m + n,)
 
@@ -276,7 +300,7 @@ class PairedSurfaces:
         free = -free_slack
         assert before.displacement is not None and before.surface_forces is not None
         displacement = free - compliance @ before.surface_forces
-        last = 1e-300
+        last = 0.0
         for _ in range(PAIRINGS):
             paired = self.paired(displacement, before.displacement, point)
             solution, bound, laws = self._solved_on(compliance, free, paired, before, target)
@@ -284,18 +308,16 @@ class PairedSurfaces:
             displacement = free - compliance @ surface_forces
             change = np.abs(displacement - paired.at)[self.dofs].max() / self.facet
             # the next change would be smaller by the same factor as this one
-            if (
-                solution.status is not Status.CONVERGED
-                or change * min(change / last, 1.0) <= self.settled
-            ):
+            factor = min(change / last, 1.0) if last else 1.0
+            if solution.status is not Status.CONVERGED or change * factor <= self.settled:
                 break
             last = change
         else:
             if change > FAR:
                 solution = solution._replace(status=Status.UNSETTLED)
-        slip = before.slip.after(
-            self.friction, solution.forces, solution.slack, solution.active, bound
-        )
+        facing = replace(self.friction, area=self.friction.area * paired.share)
+        slip = before.slip.after(facing, solution.forces, solution.slack, solution.active, bound)
+        laws = laws | {FACING: paired.share}
         return PairedSolution(solution, slip, laws, displacement, surface_forces)
 
     def active(self, found: Sliding, surface_forces: np.ndarray) -> np.ndarray:
@@ -336,14 +358,16 @@ class PairedSurfaces:
         limit = np.where(
             idle & np.isinf(coefficient), 0.0, limit
         )  # Tresca's law holds at no pressure too
-        increment = SlidingIncrement(slack, coefficient, limit, np.zeros(0))
+        increment = SlidingIncrement(slack, coefficient, limit * paired.share, np.zeros(0))
         friction = self._with_held(np.diag(schur), idle)
         if self._laws is None:
             contact = SlidingContact(schur, friction)
             solution = contact.increment(increment, before.forces, before.active)
             memory = NO_MEMORY
         else:
-            solution, memory = self._laws.solved(schur, friction, increment, before, target)
+            solution, memory = self._laws.solved(
+                schur, friction, increment, paired.share, before, target
+            )
         return solution, increment.bounds(self.friction, solution.forces), memory
 
     def _check_imposed(self, gap: np.ndarray, diagonal: np.ndarray, point: np.ndarray) -> None:
@@ -384,6 +408,7 @@ class PairedSurfaces:
             point: parameters, (P,).
         """
         gap = np.full(self.count, UNPAIRED_GAP * self.size)
+        share = np.ones(self.friction.normal.size)
         row_indices = np.arange(self.kept)
         entries: list[tuple[np.ndarray, ...]] = [
             (np.ones(row_indices.size), row_indices, row_indices)
@@ -394,15 +419,18 @@ class PairedSurfaces:
             displaced, displaced_before = (
                 values[span].reshape(-1, self.dim) for values in (displacement, before)
             )
-            rows, slaves = pair.rows(displaced, displaced_before, pair.opened(point))
-            if rows is not None:
-                gap[first + slaves] = rows.gap
-                entries += self._entries(rows, first + slaves, pair.first)
+            found = pair.rows(displaced, displaced_before, pair.opened(point))
+            if found is not None:
+                contacts = first + found.slaves
+                gap[contacts] = found.rows.gap
+                share[contacts] = found.share
+                entries += self._entries(found.rows, contacts, pair.first)
             first += pair.slave.nodes.size
         values, indices, columns = (np.concatenate(arrays) for arrays in zip(*entries, strict=True))
         return Paired(
             csr_matrix((values, (indices, columns)), shape=(self.rows, displacement.size)),
             gap,
+            share,
             displacement,
         )
 
@@ -480,7 +508,7 @@ def layout(
     areas = np.concatenate([pair.slave.areas for pair in pairs])
     law = np.repeat(np.arange(len(pairs)), counts)
     nothing = np.zeros(0, dtype=np.int64)
-    friction = Friction(
+    friction = SlidingFriction(
         first + np.arange(count),
         areas,
         np.zeros(count),

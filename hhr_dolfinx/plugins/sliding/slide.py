@@ -163,5 +163,5 @@ def _check_output(scene: Scene, output: Output) -> None:
         names = ", ".join(kind.__name__ for kind in kinds)
         raise SceneError(
             f"output '{output.name}' is not built in where surfaces slide past their mesh: "
-            f"{names} are; slip and wear are in an answer's slip"
+            f"{names} are; slip is in an answer's slip, and what laws remember in its memory"
         )

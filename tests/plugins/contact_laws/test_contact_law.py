@@ -407,16 +407,14 @@ def test_scenes_that_it_is_not_made_for_are_refused(wear, monkeypatch):
 
 
 @needs("conformance", "sliding")
-def test_pairs_that_slide_refuse_it_by_name(wear):
-    from hhr_dolfinx import testing
+def test_pairs_that_slide_wear_by_it(wear):
+    """Backward Euler of dw/dt = rate p with p H / E = push - w, wherever the block has come to."""
+    from sliding_scenes import HEIGHT, PATH, PUSH, YOUNG, drawn
 
-    with pytest.raises(SceneError, match="wear"):
-        hhr.slide(scene(law=wear))
-    pair = hhr.NodeToSurface(testing.LOWER_SURFACE, testing.UPPER_SURFACE, law=wear)
-    with pytest.raises(
-        SceneError, match=r"has a law, wear 0.05, that is not built in where surfaces slide"
-    ):
-        hhr.slide(testing.pressed_blocks(contacts=(pair,), openings=()))
+    worn = 0.0
+    for answer in hhr.slide(drawn(wear)).march(PATH).answers:
+        worn += wear.constant * (PUSH - worn) / (HEIGHT / YOUNG + wear.constant)
+        assert answer.memory["worn"] == pytest.approx(worn, rel=1e-5)
 
 
 class Absent(toy_increments.WearIncrements):

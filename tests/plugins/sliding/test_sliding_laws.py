@@ -96,6 +96,38 @@ def test_laws_where_nothing_slides_are_those_of_the_full_order(laws, pairing):
     assert {"worn_depth", "overclosure"} & set(exact[-1].memory)
 
 
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
+def test_past_the_edge_the_part_that_faces_bears(pairing):
+    """Nodes of the slave are partly on the table: k h and Tresca's limit times what is on it.
+
+    The layer is so soft that the block is rigid beside it. ``NodeToSurface`` pairs whole nodes, at
+    whose edges it is compared.
+    """
+    stiffness, path = 1e-3, [(0.0, (0.0, 0.0)), (1.0, (PUSH, 0.0))]
+    outputs = (
+        hhr.ContactForce("bears", 0, (0.0, 1.0)),
+        hhr.ContactArea("area", 0),
+        hhr.LargestPressure("peak", 0),
+    )  # fmt: skip
+    overlaps = (1.7, 1.5, 1.3, 0.9, 0.35) if pairing is hhr.Mortar else (1.75, 1.25, 0.75)
+    pressure = stiffness * PUSH
+    path += [(2.0 + k, (PUSH, 11.0 - overlap)) for k, overlap in enumerate(overlaps)]
+    soft = hhr.slide(
+        dataclasses.replace(drawn(hhr.SoftContact(stiffness), pairing), outputs=outputs)
+    )
+    rough = hhr.slide(dataclasses.replace(drawn(hhr.Tresca(0.1), pairing), outputs=outputs))
+    answers = zip(soft.march(path).answers[1:], rough.march(path).answers[1:], strict=True)
+    for overlap, (answer, limited) in zip(overlaps, answers, strict=True):
+        found = answer.outputs()
+        assert found["bears"] == pytest.approx(pressure * overlap, rel=1e-4)
+        assert found["area"] == pytest.approx(overlap, rel=1e-4)
+        assert found["peak"] == pytest.approx(pressure, rel=1e-4)
+        # nodes off the table have a bound of their whole area, and bear nothing
+        bound = limited.slip.bound * (limited.slip.pressure > 0)
+        # friction shears the block, whose edge moves by .015
+        assert bound.sum() == pytest.approx(0.1 * overlap, abs=0.1 * 0.02)
+
+
 def test_two_of_one_plug_in_are_refused_where_one_slides():
     """Memory has the conditions of one range."""
     scene = mirrored(hhr.NodeToSurface, openings=OPENINGS["of the tools"])
