@@ -26,6 +26,9 @@ STATUS_NAMES = {OPEN: "open", CLOSED: "closed", SLIDING: "sliding"}
 FRICTION = "slip"
 """Name of the memory of friction in an answer."""
 
+PAIRED_AGAIN = "facing_share"
+"""Memory of answers whose surfaces are paired again: their conditions are dofs of surfaces."""
+
 
 class ContactGaps(NamedTuple):
     """Contact rows B with imposed dofs, (N_lambda, N), and undeformed gaps, (N_lambda,)."""
@@ -73,6 +76,11 @@ def gaps(answer: Answer, full: Meshed | None = None) -> np.ndarray:
     Raises:
         NotOfferedError: without a mesh, or if bodies slide past their mesh.
     """
+    if PAIRED_AGAIN in answer.memory:
+        raise NotOfferedError(
+            "gaps of bodies that slide past their mesh are those of the last pairing, which "
+            "answers do not keep: pressures of the slave nodes are in answer.slip"
+        )
     meshed = answer._meshed(full, "gaps need the contact rows")
     mesh = meshed.answer_mesh()
     rows, undeformed = contact_gaps(meshed, answer.parameter)

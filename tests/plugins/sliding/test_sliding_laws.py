@@ -22,7 +22,7 @@ from sliding_scenes import (
 )
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import NotOfferedError, SceneError
 
 pytestmark = [needs("sliding"), needs("obstacles"), needs("soft_contact"), needs("wear")]
 
@@ -126,6 +126,14 @@ def test_past_the_edge_the_part_that_faces_bears(pairing):
         bound = limited.slip.bound * (limited.slip.pressure > 0)
         # friction shears the block, whose edge moves by .015
         assert bound.sum() == pytest.approx(0.1 * overlap, abs=0.1 * 0.02)
+
+
+@needs("plots")
+def test_gaps_are_refused():
+    """Conditions of its model are dofs of surfaces, whose slacks were returned as gaps."""
+    answer = hhr.slide(drawn(None)).march(PATH[:2]).answers[-1]
+    with pytest.raises(NotOfferedError, match="gaps of bodies that slide past their mesh"):
+        answer.gaps()
 
 
 def test_two_of_one_plug_in_are_refused_where_one_slides():
