@@ -380,7 +380,7 @@ class Answer(NamedTuple):
             raise NotOfferedError(
                 "the forces of this answer are no forces of contact conditions with areas: it is "
                 "of another scene, or of bodies that slide past their mesh. Pressures of the "
-                "slave nodes are answer.slip.pressure / model.law.area there"
+                "slave nodes are answer.slip.pressure over the areas in model.law.of('friction')"
             )
         return np.divide(forces, areas, out=np.full(len(areas), np.nan), where=areas > 0)
 

@@ -118,8 +118,13 @@ def statuses(answer: Answer, full: Meshed | None = None) -> np.ndarray:
         and -1 for conditions other than those of pressures.
 
     Raises:
-        NotOfferedError: without a mesh.
+        NotOfferedError: without a mesh, or if bodies slide past their mesh.
     """
+    if PAIRED_AGAIN in answer.memory:
+        raise NotOfferedError(
+            "conditions of bodies that slide past their mesh are dofs of surfaces: statuses of the "
+            "slave nodes are answer.slip.statuses"
+        )
     meshed = answer._meshed(full, "statuses need the contact conditions")
     pressing = meshed.answer_mesh().pressing
     forces = answer.forces()

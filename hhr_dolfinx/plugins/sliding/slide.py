@@ -31,7 +31,7 @@ from hhr_dolfinx.warn import ignored
 REPEATED = NodeToSurface, Mortar
 """Pairings that can be computed again as bodies slide."""
 OUTPUTS = (ContactForce, DisplacementAt, LinearForm)
-"""Outputs that do not depend on the position of the surfaces, as stresses and the energy do not."""
+"""Outputs that do not depend on the position of the surfaces; nor do stresses and the energy."""
 TWO_PASSES = (
     ": while surfaces slide, nodes of one pass those of the other, and there the rows of both "
     "passes become dependent, so that pressures, and friction with them, have no single value. "
@@ -49,9 +49,10 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
 
     Args:
         scene: with contact pairs that are ``NodeToSurface`` or ``Mortar``, which slide, or of one
-            surface with a rigid obstacle, of bodies held by imposed displacements alone.
+            surface with a rigid obstacle, with friction or laws of pressures, of bodies held by
+            imposed displacements alone.
         condensed: whether the compliance of the surfaces is computed once; else the full model does
-            so for each path.
+            so for each path, or for bodies with laws in each linearisation of a step.
 
     Raises:
         SceneError: for an unsuitable scene, with the part that is unsuitable.
@@ -163,5 +164,5 @@ def _check_output(scene: Scene, output: Output) -> None:
         names = ", ".join(kind.__name__ for kind in kinds)
         raise SceneError(
             f"output '{output.name}' is not built in where surfaces slide past their mesh: "
-            f"{names} are; slip is in an answer's slip, and what laws remember in its memory"
+            f"{names} are; slip is in an answer's slip, and what laws remember in answer.memory"
         )

@@ -129,11 +129,13 @@ def test_past_the_edge_the_part_that_faces_bears(pairing):
 
 
 @needs("plots")
-def test_gaps_are_refused():
+def test_gaps_and_statuses_are_refused():
     """Conditions of its model are dofs of surfaces, whose slacks were returned as gaps."""
     answer = hhr.slide(drawn(None)).march(PATH[:2]).answers[-1]
     with pytest.raises(NotOfferedError, match="gaps of bodies that slide past their mesh"):
         answer.gaps()
+    with pytest.raises(NotOfferedError, match=r"statuses of the slave nodes are answer\.slip"):
+        answer.statuses()
 
 
 def test_two_of_one_plug_in_are_refused_where_one_slides():
