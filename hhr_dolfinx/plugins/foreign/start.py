@@ -209,7 +209,7 @@ def _ignored(where: str, keyword: str, options: dict[str, str]) -> Iterator[str]
     if options.get("OP", "").upper() == "NEW":
         yield (
             f"TODO {where} *{keyword}, OP=NEW: what was stated before stays; a support that K "
-            "has left out cannot be subtracted"
+            "has left out cannot be removed"
         )
 
 

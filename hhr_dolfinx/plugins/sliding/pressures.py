@@ -239,8 +239,8 @@ class _FacingStep(RangeStep):
 class _PressureStep(RangeStep):
     """Increments of several laws, each on its contacts, (k,), of C."""
 
-    def __init__(self, contacts: Sequence[np.ndarray], steps: Sequence[RangeStep], count: int):
-        self._ranges = list(zip(contacts, steps, strict=True))
+    def __init__(self, ranges: Sequence[tuple[np.ndarray, RangeStep]], count: int):
+        self._ranges = ranges
         self.shift = np.zeros(count)
         for places, step in self._ranges:
             self.shift[places] = step.shift
@@ -296,7 +296,6 @@ class PressureLaws:
     """Solves increments on one pairing after another, with friction beside laws on pressures."""
 
     def __init__(self, law: FrictionBesideLaws):
-        self._friction = law
         self._pressures = law.pressures.rows
         self._solvers = SolversOfRanges(law.laws_of_pressures)
         self._rows = [self._pressures[rows] for rows in self._solvers.rows]
@@ -334,13 +333,10 @@ class PressureLaws:
         local = friction.within(of_friction)
         steps = self._solvers.steps(before.laws, target.point, target.time - before.time)
         laws = list(zip(self._rows, steps, self._with_friction, strict=True))
-        places = {id(rows): places_of(rows, friction.normal) for rows, _, both in laws if both}
-        under = [
-            (rows, _FacingStep(step, share[places[id(rows)]])) for rows, step, both in laws if both
-        ]
+        under = [(places_of(rows, friction.normal), step) for rows, step, both in laws if both]
         alone = [(rows, step) for rows, step, both in laws if not both]
-        contacts = [places[id(rows)] for rows, _ in under]
-        of_contacts = _PressureStep(contacts, [step for _, step in under], friction.normal.size)
+        facing = [(places, _FacingStep(step, share[places])) for places, step in under]
+        of_contacts = _PressureStep(facing, friction.normal.size)
         step_of_friction = FrictionStep(local, before.slip, target.point, of_contacts)
         step_of_friction.coefficient = given.coefficient
         step_of_friction.limit = given.limit
@@ -355,7 +351,7 @@ class PressureLaws:
         found = _as_sliding(ranges.solve(free, every, before.forces), friction)
         memories = [
             step.after(found.forces[rows], found.slack[rows], found.active[rows])
-            for rows, step in (*under, *alone)
+            for rows, step in ((friction.normal, of_contacts), *alone)
         ]
         return found, joined(memories)
 

@@ -99,10 +99,19 @@ def deformed(surface: Surface, displacement: np.ndarray) -> Surface:
     sizes = np.linalg.norm(vectors, axis=1)
     outward = vectors / sizes[:, None]
     outward[np.einsum("ij,ij->i", outward, surface.outward) < 0] *= -1
-    now = replace(surface, points=points, outward=outward, sizes=sizes)
+    return replace(surface, points=points, outward=outward, sizes=sizes)
+
+
+def grown(surface: Surface, now: Surface) -> Surface:
+    """A deformed surface, with the areas of its nodes.
+
+    Args:
+        surface: the surface as it is meshed.
+        now: the surface in its deformed position.
+    """
     before, after = (_integrals(one) for one in (surface, now))
-    grown = np.divide(after, before, out=np.ones(before.size), where=before > 0)
-    return replace(now, areas=surface.areas * grown)
+    growth = np.divide(after, before, out=np.ones(before.size), where=before > 0)
+    return replace(now, areas=surface.areas * growth)
 
 
 def _integrals(surface: Surface) -> np.ndarray:
@@ -168,14 +177,15 @@ class SlidingPair:
         overlap = float(ways[self.slave.nodes].max() + ways[self.master.nodes].max()) + max(
             float(opened.max()), 0.0
         )
-        surfaces = deformed(self.slave, displacement), deformed(self.master, displacement)
+        slave = grown(self.slave, deformed(self.slave, displacement))
+        surfaces = slave, deformed(self.master, displacement)
         with ignored(PairingWarning):  # of nodes that face no surface any more
             try:
                 rows = self.pairing.rows_of_deformed(surfaces, self.nodes * dim, overlap)
             except NeverFacingError:  # the surfaces have separated
                 return None
         slaves = np.searchsorted(self.slave.nodes, rows.slaves)
-        area = surfaces[0].areas[slaves]
+        area = slave.areas[slaves]
         share = np.divide(rows.areas, area, out=np.ones(slaves.size), where=area > 0)
         return PairedNodes(replace(rows, gap=rows.gap + opened[slaves]), slaves, share)
 

@@ -58,8 +58,7 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
         SceneError: for an unsuitable scene, with the part that is unsuitable.
     """
     _check(scene)
-    flows = any(body.reader for body in scene.bodies)
-    if flows and condensed:
+    if scene.reader and condensed:
         raise SceneError(
             f"bodies of scene '{scene.name}' have laws, and models of surfaces that slide are "
             "condensed for elastic bodies: take condensed=False"
@@ -91,7 +90,7 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
     surfaces = full.discretisation
     assert isinstance(surfaces, SurfacesThatSlide)
     law = surfaces.sliding
-    return SlidingModel(base, law.pairs, base.law if flows else law.friction, law.beside)
+    return SlidingModel(base, law.pairs, base.law if scene.reader else law.friction, law.beside)
 
 
 def _slides(item: Pairing) -> TypeGuard[NodeToSurface | Mortar]:

@@ -140,8 +140,7 @@ class SurfacesThatSlide(Discretisation):
             if isinstance(self.scene.contacts[number], SurfaceDofs)
         }
         self.sliding = sliding_law(self.meant, sliding, self, of_others, first)
-        flows = any(body.reader for body in self.scene.bodies)
-        return self.sliding if flows else before_dofs(of_others, first, first + further)
+        return self.sliding if self.scene.reader else before_dofs(of_others, first, first + further)
 
     @property
     def dofs(self) -> int:

@@ -108,7 +108,7 @@ def test_past_the_edge_the_part_that_faces_bears(pairing):
         hhr.ContactForce("bears", 0, (0.0, 1.0)),
         hhr.ContactArea("area", 0),
         hhr.LargestPressure("peak", 0),
-    )  # fmt: skip
+    )
     overlaps = (1.7, 1.5, 1.3, 0.9, 0.35) if pairing is hhr.Mortar else (1.75, 1.25, 0.75)
     pressure = stiffness * PUSH
     path += [(2.0 + k, (PUSH, 11.0 - overlap)) for k, overlap in enumerate(overlaps)]
