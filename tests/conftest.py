@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from needs import present
 from no_skips import pytest_make_collect_report, pytest_runtest_makereport  # noqa: F401
+from processes import forget_own_folders
 from scenes import THESIS
 from slow_suite import keep_slice, pytest_addoption, pytest_configure  # noqa: F401
 
@@ -19,6 +20,7 @@ import hhr_dolfinx as hhr
 # options of commands are those of the plug-ins at its first import, and some tests replace these
 import hhr_dolfinx.command.making
 
+forget_own_folders()
 # nothing depends on the clock of a busy machine
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("patient")

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from bare_problem import BareFull, answer, rewrite_signed
 from needs import needs, present
-from processes import python
+from processes import folders_of, python
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ModelFileError, SnapshotFileWarning
@@ -321,8 +321,7 @@ def trial(kind, original, folder, count, seed):
     """Outcomes that are wrong, by what was done to the file, and how many were refused."""
     folder.mkdir()
     cases = list(mutants(original, folder, count, seed))
-    # modules of tests lie in the folder above this file's, which is where its process looks
-    folders = [str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
+    folders = [*folders_of(__file__), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(folders)}
     run = python(__file__, kind, original, *(path for _, path in cases), code=None, env=environment)
     lines = [json.loads(line) for line in run.stdout.splitlines() if line.startswith("[")]

@@ -1,5 +1,6 @@
 """Other processes of tests: folders in which they find scenes, and how they are run."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +22,16 @@ SCENE_FOLDERS = [str(_ROOT / name) for name in ("tests", "tests/helpers", *_SCRI
 def folders_of(file):
     """These folders, and that of a test whose process imports it, or a module beside it."""
     return [*SCENE_FOLDERS, str(Path(file).parent)]
+
+
+def forget_own_folders():
+    """Take folders of this checkout out of the shell's path of modules.
+
+    They would hide that another process of a test does not find what it imports.
+    """
+    given = os.environ.pop("PYTHONPATH", "").split(os.pathsep)
+    if kept := [name for name in given if name and _ROOT not in Path(name).resolve().parents]:
+        os.environ["PYTHONPATH"] = os.pathsep.join(kept)
 
 
 def python(*words, code=0, **how):
