@@ -9,7 +9,7 @@ programming solves by non-negative least squares, also where there are more cond
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -103,13 +103,22 @@ class ConeModel(AnsweringModel):
         full: the full model, on one rank.
         basis: V, orthonormal, (N, ell).
         cone: Phi >= 0, (N_lambda, r); None for all contact conditions.
+        stiffness: an approximation of V^T K V, (ell, ell), of a constant stiffness; None for this
+            itself.
 
     Raises:
         NotOfferedError: see :func:`check_elastic`.
-        ReductionError: for a cone that is not of this scene.
+        ReductionError: for a cone that is not of this scene, and a stiffness that is not positive
+            definite.
     """
 
-    def __init__(self, full: FullOrderModel, basis: np.ndarray, cone: np.ndarray | None = None):
+    def __init__(
+        self,
+        full: FullOrderModel,
+        basis: np.ndarray,
+        cone: np.ndarray | None = None,
+        stiffness: np.ndarray | None = None,
+    ):
         check_elastic(full, "a projection")
         problem = full.problem
         self.parameters = full.parameters
@@ -122,10 +131,17 @@ class ConeModel(AnsweringModel):
         self.fields = ConeFields(full, basis, self.cone)
         self._problem = problem
         self._reduced = project(problem, basis, whole(problem))
+        if stiffness is not None:
+            self._reduced = replace(self._reduced, stiffness=stiffness)
         self._rows = self.cone.T @ self._reduced.contact_trial
         self._gaps = self.cone.T @ self._reduced.gaps
         self._shared = COMPLIANCE if cone is None else 0.0
-        self._constant = None if problem.varies else self._whitened(self._reduced)
+        try:
+            self._constant = None if problem.varies else self._whitened(self._reduced)
+        except linalg.LinAlgError as error:
+            raise ReductionError(
+                "the reduced stiffness is not positive definite: take more modes, or more cells"
+            ) from error
         self.advice = {Status.UNDEFINED: "no displacement of the basis fits between the gaps"}
 
     @property

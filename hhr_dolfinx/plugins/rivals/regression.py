@@ -61,7 +61,7 @@ def neural_network(training: Training) -> Iterator[Rival]:
 
 
 @dataclass(frozen=True)
-class _Coefficients:
+class Coefficients:
     """Modes of columns, and their coefficients at the training points, of unit variance.
 
     Attributes:
@@ -77,7 +77,7 @@ class _Coefficients:
     scale: np.ndarray
 
     @classmethod
-    def of(cls, columns: np.ndarray) -> _Coefficients:
+    def of(cls, columns: np.ndarray) -> Coefficients:
         """POD of columns, (n, S)."""
         modes = pod(columns, LEFT_OUT)[0][:, :MOST_MODES]
         raw = (modes.T @ columns).T
@@ -107,12 +107,12 @@ class Regression(AnsweringModel):
         snapshots = training.snapshots
         check_elastic(full, "a regression")
         self.parameters = full.parameters
-        self._displacements = _Coefficients.of(snapshots.displacements)
-        self._forces = _Coefficients.of(snapshots.forces)
+        self._displacements = Coefficients.of(snapshots.displacements)
+        self._forces = Coefficients.of(snapshots.forces)
         together = np.hstack([self._displacements.values, self._forces.values])
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of lengths at the ends of their ranges
-            self._predict = fit(_scaled(full.parameters, snapshots.points), together)
+            self._predict = fit(scaled(full.parameters, snapshots.points), together)
         self.fields = ConeFields(full, self._displacements.modes, self._forces.modes)
         self.advice: dict[Status, str] = {}
 
@@ -126,7 +126,7 @@ class Regression(AnsweringModel):
     ) -> Answer:
         if gradient:
             raise NotOfferedError("rivals have no gradients: ask the full model")
-        found = self._predict(_scaled(self.parameters, point[None]))[0]
+        found = self._predict(scaled(self.parameters, point[None]))[0]
         count = self.sizes[0]
         unknown = self._displacements.rebuilt(found[:count])
         forces = self._forces.modes @ self._forces.rebuilt(found[count:])
@@ -134,7 +134,7 @@ class Regression(AnsweringModel):
         return found_as(outcome, point, unknown, self.fields)
 
 
-def _scaled(space: ParameterSpace, points: np.ndarray) -> np.ndarray:
+def scaled(space: ParameterSpace, points: np.ndarray) -> np.ndarray:
     """Points, (n, P), in [-1, 1]."""
     low = np.array(space.lower)
     high = np.array(space.upper)

@@ -10,12 +10,12 @@ from contract import blocks
 from mpi4py import MPI
 from needs import needs
 from scenes import check_like, pressed_block
-from scipy import linalg
+from scipy import linalg, optimize
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.command.main import hhr as hhr_command
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, ReductionError, StudyError
-from hhr_dolfinx.plugins.rivals import cones, ours, regression
+from hhr_dolfinx.plugins.rivals import cones, informed, ours, primal, regression, sampled
 from hhr_dolfinx.plugins.rivals.projection import (
     ConeModel,
     displacement_modes,
@@ -34,6 +34,10 @@ WITH_FORCES = (
     regression.radial_functions,
     regression.polynomials,
     regression.neural_network,
+    primal.penalty,
+    primal.nitsche,
+    sampled.weighted_cells,
+    informed.informed_network,
     ours.thesis,
 )
 
@@ -156,6 +160,86 @@ def test_supremizers_are_added_until_the_model_is_stable(hertz):
     assert basis.shape[1] < modes + cone.shape[1]  # fewer than one for each dual function
 
 
+def complete(full, snapshots):
+    """A basis in which the full answers lie, and all unit forces."""
+    unit = np.eye(len(full.problem.gaps))
+    return with_supremizers(full, displacement_modes(snapshots, 14), unit), unit
+
+
+def test_the_penalty_is_that_of_springs_in_the_contacts(hertz, hertz_snapshots):
+    """Each condition yields by its force over the penalty: S and a diagonal, by non-negative least
+    squares of its root.
+    """
+    model = primal.PrimalModel(hertz, *complete(hertz, hertz_snapshots), nitsche=False)
+    theta = hertz.problem.amplitudes(np.array([0.3]))
+    soft = hertz.schur + np.diag(hertz.schur.diagonal() / primal.PENALTY)
+    free = hertz.stiffness.columns(hertz.problem.loads) @ theta
+    slack = hertz.problem.gaps @ theta - hertz.problem.contact @ free
+    root = linalg.cholesky(soft)
+    known, _ = optimize.nnls(root, linalg.solve_triangular(root, -slack, trans=1))
+    found = model.solve(0.3).forces()
+    np.testing.assert_allclose(found, known, atol=1e-8 * known.max())
+    exact = hertz.solve(0.3).forces()
+    assert 1e-5 < np.linalg.norm(found - exact) / np.linalg.norm(exact) < 1e-2
+
+
+def test_the_method_of_nitsche_is_consistent(hertz, hertz_snapshots):
+    """The exact answer solves it, whatever its factor: forces that the displacement leaves over are
+    those of the multipliers.
+    """
+    model = primal.PrimalModel(hertz, *complete(hertz, hertz_snapshots), nitsche=True)
+    for mu in (0.168, 0.4321):
+        check_like(model.solve(mu), hertz.solve(mu), displacement=1e-8, forces=1e-8)
+
+
+def test_pressures_that_do_not_settle_are_no_answer(hertz, hertz_snapshots):
+    model = primal.PrimalModel(hertz, *complete(hertz, hertz_snapshots), nitsche=False)
+    model._push = -model._push  # contacts that pull: each overlap ends as soon as it counts
+    with pytest.raises(ConvergenceError, match="do not settle"):
+        model.solve(0.3)
+
+
+def test_cells_share_the_work_of_the_stiffness(hertz, hertz_snapshots):
+    basis = displacement_modes(hertz_snapshots, 6)
+    works = sampled.works_of_cells(hertz, basis)
+    known = basis.T @ (hertz.problem.own_stiffness @ basis)
+    np.testing.assert_allclose(works.sum(axis=2), known, atol=1e-12 * np.abs(known).max())
+    answers = basis.T @ hertz_snapshots.displacements
+    weights = sampled.fitted(works, answers, 1e-9)
+    assert weights.min() >= 0 and 0 < np.count_nonzero(weights) <= answers.size < len(weights)
+    balanced = works @ weights @ answers
+    np.testing.assert_allclose(balanced, known @ answers, atol=1e-5 * np.abs(known @ answers).max())
+
+
+def test_equations_of_a_network_hold_for_exact_answers(hertz, hertz_snapshots):
+    """Equilibrium in energy, and both signs and their product; the gradient by differences."""
+    training = hhr.train(hertz.scene, [12], held_out=0, comm=MPI.COMM_SELF)
+    exact = training.snapshots
+    fields, forces = linalg.orth(exact.displacements), linalg.orth(exact.forces)
+    equations = informed.Equations.of(training, fields, forces)
+    unknown = np.vstack([fields.T @ exact.displacements, forces.T @ exact.forces]).T
+    terms = np.eye(hertz.problem.gaps.shape[1])
+    theta = np.stack([terms @ hertz.problem.amplitudes(point) for point in exact.points])
+    assert equations.errors(unknown, theta)[0] < 1e-10
+    assert equations.errors(1.1 * unknown, theta)[0] > 1e-4
+    random = np.random.default_rng(2)
+    sizes = [(2, 5), (6, 5), (6, unknown.shape[1])]
+    flat = random.normal(size=sum(rows * columns for rows, columns in sizes))
+    scale = np.abs(unknown).max(axis=0)
+    points = exact.points / 0.3 - 1
+
+    def loss(weights):
+        network = informed.Network.of(weights, sizes)
+        states = network.passed(points)
+        size, along = equations.errors(scale * states[-1], theta)
+        return size, network.pulled_back(states, along * scale)
+
+    slope = loss(flat)[1]
+    for direction in random.normal(size=(5, len(flat))):
+        ahead, behind = (loss(flat + step * direction)[0] for step in (1e-6, -1e-6))
+        assert slope @ direction == pytest.approx((ahead - behind) / 2e-6, rel=1e-5)
+
+
 @pytest.mark.parametrize("rival", [regression.polynomials, regression.radial_functions])
 def test_what_is_linear_in_parameters_is_found_exactly(rival):
     """A block that touches all over from the first load on: forces are linear in the loads."""
@@ -211,12 +295,12 @@ def test_scenes_that_rivals_are_not_for_are_refused_by_name(trained):
             ConeModel(full, np.eye(full.problem.free.size, 3))
     with pytest.raises(ReductionError, match="a row >= 0 for each"):
         ConeModel(trained.full_order, displacement_modes(trained.snapshots, 3), np.eye(3))
+    still = np.zeros((trained.full_order.problem.free.size, 1))
+    still[np.flatnonzero(trained.full_order.problem.free)[0]] = 1.0
+    model = ConeModel(trained.full_order, still)
+    model._gaps = model._gaps - 1.0  # an overlap that this mode does not move
     with pytest.raises(ConvergenceError, match="fits between the gaps"):
-        still = np.zeros((trained.full_order.problem.free.size, 1))
-        still[np.flatnonzero(trained.full_order.problem.free)[0]] = 1.0
-        ConeModel(trained.full_order, still).solve(trained.snapshots.points[
-            np.linalg.norm(trained.snapshots.forces, axis=0).argmax()
-        ])  # fmt: skip
+        model.solve(trained.snapshots.points[0])
 
 
 def test_names_of_rivals():
@@ -248,6 +332,10 @@ def test_all_rivals_by_command_on_a_scene_of_its_own(tmp_path):
         "Gaussian process",
         "radial functions",
         "polynomials",
+        "penalty, DEIM",
+        "Nitsche, DEIM",
+        "ECSW and NNMF",
+        "physics-informed network",
         "neural network",
     } <= methods
     assert all("refused" in row or row["online_s"] > 0 for row in rows)
