@@ -14,7 +14,7 @@ REFUSED = {
     "plugins/constraints/couplings.py:equations": "axisymmetric+rigid_motion",
     "plugins/constraints/elimination.py:_check_kept": "directed+preload",
     "plugins/inelastic/outside.py:statement": "external_law+plane_stress",
-    "plugins/shapes/reshaped.py:_check_constraints": "mean_motion+shape rigid_motion+shape",
+    "plugins/shapes/reshaped.py:_check_constraints": "rigid_motion+shape",
     "plugins/shapes/reshaped.py:check_still": "moving_circle+shape",
     "plugins/sliding/slide.py:_check": "double_pass+sliding",
     "plugins/sliding/slide.py:_check_shapes": "shape+sliding",

@@ -17,7 +17,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -173,7 +172,7 @@ def test_a_process_that_clears_up_harms_none_that_writes(tmp_path):
 SIZES = {"dofs": 100_000, "conditions": 1000}
 SAVES = f"""
 import sys
-sys.path.insert(0, {str(Path(__file__).parents[1])!r})
+sys.path[:0] = {SCENE_FOLDERS!r}
 import numpy as np
 import hhr_dolfinx as hhr
 from bare_problem import BareFull, answer

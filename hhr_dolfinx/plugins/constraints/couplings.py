@@ -21,6 +21,7 @@ from hhr_dolfinx.loads import Assembler, Term
 from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, is_number, is_whole
 from hhr_dolfinx.plugins.constraints.elimination import ConstraintEquations
 from hhr_dolfinx.plugins.constraints.equations import equations_of, nodes_at
+from hhr_dolfinx.plugins.constraints.loose_equations import first_largest
 
 UNDETERMINED = 1e-8
 """Part of a motion that nodes do not show above which they leave it undetermined."""
@@ -288,7 +289,7 @@ class MeanMotion(_Coupled):
         dofs, coefficients = self._fit(assembler)
         nonzero = coefficients != 0
         entries = coefficients[nonzero], np.zeros(int(nonzero.sum()), dtype=int), dofs[nonzero]
-        dependent = dofs[[np.abs(coefficients).argmax()]]
+        dependent = dofs[[first_largest(np.abs(coefficients))]]
         return equations_of([entries], dependent, assembler.size, np.ones(1), loose=True)
 
 

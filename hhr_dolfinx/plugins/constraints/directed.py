@@ -13,6 +13,7 @@ from hhr_dolfinx.loads import Assembler
 from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, is_number
 from hhr_dolfinx.plugins.constraints.elimination import ConstraintEquations
 from hhr_dolfinx.plugins.constraints.equations import equations_of, nodes_at
+from hhr_dolfinx.plugins.constraints.loose_equations import first_largest
 
 ROUND = ("radial", "tangential")
 ON_AXIS = 1e-9
@@ -65,7 +66,7 @@ class DirectedDisplacement:
         ways = self._directions(points, dim, float(np.ptp(assembler.points(), axis=0).max()))
         dofs = dim * nodes[:, None] + np.arange(dim)
         rows = np.repeat(np.arange(nodes.size), dim)
-        dependent = dofs[np.arange(nodes.size), np.abs(ways).argmax(axis=1)]
+        dependent = dofs[np.arange(nodes.size), first_largest(np.abs(ways))]
         entries = [(ways.ravel(), rows, dofs.ravel())]
         return equations_of(entries, dependent, assembler.size, np.ones(nodes.size), loose=True)
 

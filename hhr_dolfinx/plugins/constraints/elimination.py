@@ -25,7 +25,7 @@ from hhr_dolfinx.formulas import Formula, box_samples, formula_of
 from hhr_dolfinx.full_order.eliminated import DependentDofs
 from hhr_dolfinx.loads import Assembler, Term, Terms
 from hhr_dolfinx.parameters import is_number
-from hhr_dolfinx.plugins.constraints.loose_equations import chosen
+from hhr_dolfinx.plugins.constraints.loose_equations import chosen, first_largest
 from hhr_dolfinx.plugins.constraints.repeated import without_repeated
 from hhr_dolfinx.plugins.constraints.tied_nodes import without_tied
 from hhr_dolfinx.scene import Scene
@@ -314,7 +314,7 @@ def _without_imposed(
         determined[row] = sizes.max() > 0
         # a dof that another equation determines too is refused
         dependent[row] = (
-            columns[(independent if independent.any() else sizes).argmax()]
+            columns[first_largest(independent if independent.any() else sizes)]
             if determined[row]
             else -1
         )

@@ -17,6 +17,17 @@ IMPLIED = 1e-9
 """Pivot, of equations with largest coefficients of 1, up to which an equation is implied by the
 others.
 """
+SAME_SIZE = 1e-9
+"""Relative difference up to which two coefficients are as large as each other."""
+
+
+def first_largest(sizes: np.ndarray) -> np.ndarray:
+    """Number of the largest size of each row, (..., n): of equal ones the first.
+
+    Round-off must not choose between them: on another shape, or processor, another dof would
+    be determined.
+    """
+    return np.argmax(sizes >= (1 - SAME_SIZE) * sizes.max(axis=-1, keepdims=True), axis=-1)
 
 
 def chosen(

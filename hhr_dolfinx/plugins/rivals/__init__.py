@@ -24,6 +24,7 @@ PLUGIN = Plugin(
             "neural_network": f"{_HERE}.regression:neural_network",
             "informed_network": f"{_HERE}.informed:informed_network",
             "thesis": f"{_HERE}.ours:thesis",
+            "boxes": f"{_HERE}.boxes:boxes",
             "local": f"{_HERE}.ours:local",
         }
     },

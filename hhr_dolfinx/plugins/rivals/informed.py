@@ -25,6 +25,8 @@ COLLOCATED = 4
 """Neurons of each of two layers, steps of L-BFGS, and points of the equations for each one of
 training.
 """
+MOST_COLLOCATED = 400_000
+"""Most contact conditions at all points of the equations together."""
 ROUND_OFF = 1e-12
 """Part of the largest energy of unknowns that is round-off."""
 
@@ -144,7 +146,8 @@ def _informed(training: Training, points: np.ndarray, values: np.ndarray) -> Pre
     equations = Equations.of(training, fields.modes, forces.modes)
     mean = np.concatenate([fields.mean, forces.mean])
     scale = np.concatenate([fields.scale, forces.scale])
-    asked = full.parameters.random(COLLOCATED * len(points), 0)
+    most = max(MOST_COLLOCATED // len(forces.modes), 1)
+    asked = full.parameters.random(min(COLLOCATED * len(points), most), 0)
     terms = np.eye(full.problem.gaps.shape[1])
     theta = np.stack([terms @ full.problem.amplitudes(point) for point in asked])
     everywhere = np.vstack([points, scaled(full.parameters, asked)])
