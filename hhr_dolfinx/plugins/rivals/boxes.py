@@ -1,13 +1,18 @@
-"""Condensation box by box: contacts that training shows closed, or open, all over a box leave it.
+"""Condensation box by box: contacts that are closed, or open, all over a box leave the search.
 
 Where a surface has thousands of conditions, S is full and condensation is dear; yet in a small box
-of parameters only the rim of the contact changes. Closed conditions C are eliminated as equations,
-open ones O are left out,
+of parameters only the rim of the contact changes. Of the statuses at the corners of a box,
+conditions that are always closed, C, are eliminated as equations, always open ones, O, left out,
 
     σ_R = s_R + S_RR λ_R,    S_RR <- S_RR - S_RC S_CC^-1 S_CR,    s_R <- s_R - S_RC S_CC^-1 s_C,
 
-and the search runs on the uncertain ones, R. Forces on C and slacks on O are looked at in each
-answer: with their signs right it is exact; else the full model answers.
+and the search runs on the uncertain ones, R. An answer counts if it solves the whole problem:
+forces on C are >= 0, and slacks on O. With the weights w >= 0 of its point among the corners and
+δ = λ_R - Σ w_k λ_R^k a slack is, since loads and gaps are affine,
+
+    σ_i = Σ w_k σ_i^k + Q_i δ  >=  min_k σ_i^k - |Q_i| |δ|,
+
+so that only those are computed for which this does not say it. Else the full model answers.
 """
 
 from __future__ import annotations
@@ -32,16 +37,14 @@ if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Theta
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.models.answer import CheckedStart
-    from hhr_dolfinx.snapshots.records import SnapshotSet
     from hhr_dolfinx.study.training.train import Training
 
-MOST_BOXES = 256
-LEFT_OUT = 1e-12
-"""Singular values of the influence of uncertain forces on all others, over the largest, that are
-left out.
-"""
 WRONG = 1e-9
 """Pull or overlap over the largest force or slack beyond which the full model answers."""
+TOUCHED = 1e-12
+"""Influence of an uncertain force over the largest one below which a closed condition does not feel
+it.
+"""
 
 
 def boxes(training: Training) -> Iterator[Rival]:
@@ -50,111 +53,150 @@ def boxes(training: Training) -> Iterator[Rival]:
 
 
 def _made(training: Training) -> BoxwiseModel:
-    return BoxwiseModel(training.full_order, training.snapshots)
+    return BoxwiseModel(training.full_order, len(training.snapshots.points))
 
 
 @dataclass(frozen=True)
 class Box:
-    """Contact conditions of a box of parameters (m conditions, r uncertain ones)."""
+    """Contact conditions of a box of parameters (r uncertain ones, c closed ones, 2^P corners)."""
 
     uncertain: np.ndarray  #: numbers of these, (r,)
-    closed: np.ndarray  #: True for closed ones, (m,) bool
+    closed: np.ndarray  #: numbers of closed ones, (c,)
     equalities: SchurEqualities | None  #: of the uncertain ones; None without any
     slack: np.ndarray  #: their slack without their forces, (r, 1 + T)
-    others: np.ndarray  #: forces of closed and slacks of open ones without these, (m, 1 + T)
-    outer: np.ndarray  #: influence of uncertain forces on these, outer @ inner, (m, k)
-    inner: np.ndarray  #: (k, r)
+    corners: np.ndarray  #: their forces at the corners, (r, 2^P)
+    held: np.ndarray  #: forces of closed ones without these, (c, 1 + T)
+    touched: np.ndarray  #: places among the closed ones that feel uncertain forces, (t,)
+    pushed: np.ndarray  #: their change with these, (t, r)
+    watched: np.ndarray  #: slacks of open ones that might close, without these, (o, 1 + T)
+    lifted: np.ndarray  #: their change with these, (o, r)
+    reach: float  #: size of δ up to which no other open one closes
 
     @classmethod
-    def of(cls, schur: np.ndarray, slack: np.ndarray, statuses: np.ndarray) -> Box:
-        """Box of statuses seen there.
+    def of(
+        cls, schur: np.ndarray, slack: np.ndarray, statuses: np.ndarray, forces: np.ndarray
+    ) -> Box:
+        """Box of answers at its corners.
 
         Args:
             schur: S of all conditions, (m, m).
-            slack: slack without forces, (m, 1 + T).
-            statuses: known statuses, (m, n) bool.
+            slack: slack without forces, (m, 1 + T), and at the corners, (m, 2^P), side by side.
+            statuses: statuses at the corners, (m, 2^P) bool.
+            forces: forces at the corners, (m, 2^P).
         """
-        closed = statuses.all(axis=1)
-        opened = ~statuses.any(axis=1)
-        uncertain = np.flatnonzero(~closed & ~opened)
+        corners = forces.shape[1]
+        terms = slack.shape[1] - corners
+        closed = np.flatnonzero(statuses.all(axis=1))
+        opened = np.flatnonzero(~statuses.any(axis=1))
+        uncertain = np.setdiff1d(np.arange(len(slack)), np.concatenate([closed, opened]))
         count = len(uncertain)
-        columns = np.hstack([schur[:, uncertain], slack])
-        left_over = columns
-        if closed.any():
+        changed = np.hstack([schur[:, uncertain], slack[:, :terms]])
+        if closed.size:
             factor = linalg.cho_factor(schur[np.ix_(closed, closed)])
-            eliminated = linalg.cho_solve(factor, columns[closed])
-            left_over = columns - schur[:, closed] @ eliminated
-            left_over[closed] = -eliminated
-        influence = left_over[:, :count].copy()
-        influence[uncertain] = 0.0
-        outer, inner = _low_rank(influence)
-        own = left_over[uncertain, :count]
-        equalities = SchurEqualities.symmetric((own + own.T) / 2) if count else None
-        own_slack, others = left_over[uncertain, count:], left_over[:, count:]
-        others[uncertain] = 0.0
-        return cls(uncertain, closed, equalities, own_slack, others, outer, inner)
+            eliminated = linalg.cho_solve(factor, changed[closed])
+            changed = changed - schur[:, closed] @ eliminated
+            changed[closed] = -eliminated
+        pushes = changed[closed, :count]
+        felt = np.abs(pushes).max(axis=1, initial=0.0)
+        touched = np.flatnonzero(felt > TOUCHED * felt.max(initial=0.0))
+        own = changed[uncertain, :count]
+        # slacks at the corners, of the forces there
+        least = (slack[opened, terms:] + schur[opened] @ forces).min(axis=1, initial=np.inf)
+        lifts = changed[opened, :count]
+        sizes = np.linalg.norm(lifts, axis=1)
+        reaches = least / np.where(sizes > 0, sizes, np.inf)
+        at = forces[uncertain]
+        spread = np.linalg.norm(at[:, :, None] - at[:, None, :], axis=0).max(initial=0.0)
+        watched = reaches <= spread
+        return cls(
+            uncertain,
+            closed,
+            SchurEqualities.symmetric((own + own.T) / 2) if count else None,
+            changed[uncertain, count:],
+            at,
+            changed[closed, count:],
+            touched,
+            pushes[touched],
+            changed[opened[watched], count:],
+            lifts[watched],
+            float(reaches[~watched].min(initial=np.inf)),
+        )
 
-    def solved(self, theta: Theta) -> tuple[np.ndarray, int, bool]:
-        """Forces of all conditions, (m,), equality problems solved, and whether all signs are
-        right.
+    def solved(self, theta: Theta, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, bool]:
+        """Forces of closed ones, (c,), and of uncertain ones, (r,), equality problems solved, and
+        whether the whole problem is solved.
+
+        Args:
+            theta: amplitudes of the point.
+            weights: of the corners, (2^P,).
         """
-        values = self.others @ theta
-        forces = np.where(self.closed, values, 0.0)
-        count, right = 0, True
-        if self.equalities is not None:
-            slack = self.slack @ theta
-            found = active_set(self.equalities, slack, slack < 0)
-            values = values + self.outer @ (self.inner @ found.forces)
-            forces = np.where(self.closed, values, 0.0)
-            forces[self.uncertain] = found.forces
-            count, right = found.iterations, found.status is Status.CONVERGED
-        gaps = values[~self.closed]
-        pulled = -forces.min(initial=0.0) > WRONG * forces.max(initial=0.0)
-        overlaps = -gaps.min(initial=0.0) > WRONG * gaps.max(initial=0.0)
-        return forces, count, right and not pulled and not overlaps
+        held = self.held @ theta
+        if self.equalities is None:
+            return held, np.zeros(0), 0, not _negative(held)
+        slack = self.slack @ theta
+        found = active_set(self.equalities, slack, slack < 0)
+        forces = found.forces
+        held[self.touched] += self.pushed @ forces
+        open_slack = self.watched @ theta + self.lifted @ forces
+        right = (
+            found.status is Status.CONVERGED
+            and not _negative(held)
+            and not _negative(open_slack)
+            and float(np.linalg.norm(forces - self.corners @ weights)) < self.reach
+        )
+        return held, forces, found.iterations, right
 
 
-def _low_rank(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Factors of a matrix, (m, r), without singular values that are round-off."""
-    left, triangle = linalg.qr(matrix, mode="economic")
-    turns, values, right = linalg.svd(triangle, lapack_driver="gesvd")
-    kept = values > LEFT_OUT * values.max(initial=0.0)
-    return left @ (turns[:, kept] * values[kept]), right[kept]
+def _negative(values: np.ndarray) -> bool:
+    """Whether a value is below zero by more than round-off."""
+    least = float(values.min(initial=0.0))
+    return least < 0 and -least > WRONG * float(np.abs(values).max())
 
 
 class BoxwiseModel(AnsweringModel):
     """Exact answers by the uncertain conditions of the box of each point.
 
     Args:
-        full: the full model, on one rank, with a constant stiffness.
-        snapshots: known answers.
+        full: the full model, on one rank, with a constant stiffness; it answers the corners.
+        most: most corners, if there are more than two along each parameter.
 
     Attributes:
         asked: how many answers the full model gave.
 
     Raises:
         NotOfferedError: see :func:`~hhr_dolfinx.plugins.rivals.projection.check_elastic`, and for
-            moduli that are parameters.
+            loads, gaps or moduli that are not affine in the parameters.
     """
 
-    def __init__(self, full: FullOrderModel, snapshots: SnapshotSet):
+    def __init__(self, full: FullOrderModel, most: int):
         check_elastic(full, "condensation by boxes")
-        if full.problem.varies:
-            raise NotOfferedError("boxes share one S: moduli are parameters")
+        problem = full.problem
+        if problem.varies or problem.amplitudes.nonaffine:
+            raise NotOfferedError("boxes are for affine loads and gaps, and one stiffness")
         self.parameters = space = full.parameters
         self.asked = 0
         self._full = full
-        free = full.problem.contact @ full.stiffness.columns(full.problem.loads)
-        slack = full.problem.gaps - free
-        self._sides = max(int(MOST_BOXES ** (1 / len(space.names)) + 1e-9), 1)
+        count = len(space.names)
+        self._sides = max(int(most ** (1 / count) + 1e-9) - 1, 1)
         self._low = np.array(space.lower)
         self._width = (np.array(space.upper) - self._low) / self._sides
-        known = (snapshots.points - self._low) / self._width
-        places = itertools.product(range(self._sides), repeat=len(space.names))
-        self._boxes = {
-            place: Box.of(full.schur, slack, snapshots.active[:, _known_in(known, place)])
-            for place in places
-        }
+        steps = list(itertools.product((0, 1), repeat=count))
+        #: 0 or 1 for each corner of a box, (2^P, P)
+        self._steps = np.array(steps)
+        lines = itertools.product(range(self._sides + 1), repeat=count)
+        known = {place: full.solve(self._low + np.array(place) * self._width) for place in lines}
+        free = problem.contact @ full.stiffness.columns(problem.loads)
+        slack = problem.gaps - free
+        self._boxes: dict[tuple[int, ...], Box] = {}
+        for place in itertools.product(range(self._sides), repeat=count):
+            answers = [known[tuple(np.add(place, step).tolist())] for step in steps]
+            thetas = [problem.amplitudes(answer.parameter) for answer in answers]
+            self._boxes[place] = Box.of(
+                full.schur,
+                np.column_stack([slack, *(slack @ theta for theta in thetas)]),
+                np.column_stack([answer.active for answer in answers]),
+                np.column_stack([answer.forces() for answer in answers]),
+            )
         self.fields = BackSubstituted(full)
         self.advice: dict[Status, str] = {}
 
@@ -168,27 +210,21 @@ class BoxwiseModel(AnsweringModel):
     ) -> Answer:
         if gradient:
             raise NotOfferedError("rivals have no gradients: ask the full model")
-        place = np.clip((point - self._low) / self._width, 0, self._sides - 1).astype(int)
-        box = self._boxes[tuple(place.tolist())]
-        forces, count, right = box.solved(self._full.problem.amplitudes(point))
-        if not right:
+        problem = self._full.problem
+        place = (point - self._low) / self._width
+        first = np.clip(place.astype(int), 0, self._sides - 1)
+        inside = place - first
+        box = self._boxes[tuple(first.tolist())]
+        weights = np.where(self._steps, inside, 1 - inside).prod(axis=1)
+        held, uncertain, count, right = box.solved(problem.amplitudes(point), weights)
+        forces = np.zeros(len(problem.gaps))
+        forces[box.closed] = held
+        forces[box.uncertain] = uncertain
+        if not right or inside.min() < 0 or inside.max() > 1:
             self.asked += 1
             return self._full.solve(point, start=forces > 0, outside="ignore")
         found = Statuses(forces, forces > 0, count, Status.CONVERGED, False)
         return found_as(found, point, np.zeros(0), self.fields)
-
-
-def _known_in(points: np.ndarray, place: tuple[int, ...]) -> np.ndarray:
-    """Numbers of known points in a box, its corners included, and of the 2^P nearest ones.
-
-    Args:
-        points: points in units of the boxes, (S, P).
-        place: the box.
-    """
-    off = np.abs(points - (np.array(place) + 0.5))
-    inside = np.flatnonzero((off <= 0.5 + 1e-9).all(axis=1))
-    nearest = np.argsort((off**2).sum(axis=1), kind="stable")[: 2 ** points.shape[1]]
-    return np.union1d(inside, nearest)
 
 
 @dataclass(frozen=True)
