@@ -62,18 +62,26 @@ class Part:
     children: tuple[int, ...]
 
 
-def check_certificate(path: str | Path) -> str:
+def check_certificate(path: str | Path, *, exact: bool = False) -> str:
     """Prove the claim of a certificate again.
 
     Args:
         path: file of :meth:`~hhr_dolfinx.plugins.worst_case.search.WorstCase.save`.
+        exact: compute in rational numbers, without round-off, see
+            :mod:`~hhr_dolfinx.plugins.worst_case.exact_check`: for up to 40 conditions of bodies
+            that displacements hold.
 
     Returns:
         The claim, in words, which holds.
 
     Raises:
         FileContentError: if the file is damaged, or its boxes do not prove the value.
+        NotOfferedError: for what rational numbers are too slow for.
     """
+    if exact:
+        from hhr_dolfinx.plugins.worst_case.exact_check import check_exactly
+
+        return check_exactly(path)
     header, arrays = read_arrays(path, FORMAT, VERSION)
     try:
         _check_arrays(arrays)

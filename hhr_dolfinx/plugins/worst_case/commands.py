@@ -65,12 +65,15 @@ def worst(
         console.print(f"certificate: {certificate}", markup=False, highlight=False, soft_wrap=True)
 
 
-@click.command(epilog=examples("hhr certificate peak.npz"))
+@click.command(epilog=examples("hhr certificate peak.npz", "hhr certificate peak.npz --exact"))
 @click.argument("certificate", type=click.Path(path_type=Path))
+@click.option(
+    "--exact", is_flag=True, help="in rational numbers, without round-off: up to 40 conditions"
+)
 @guarded
-def certificate(certificate: Path) -> None:
+def certificate(certificate: Path, exact: bool) -> None:
     """Prove the value of a CERTIFICATE of hhr worst again, by other code."""
     from hhr_dolfinx.plugins.worst_case.check import check_certificate
 
     console, _ = spoken()
-    console.print(str(check_certificate(certificate)), markup=False, highlight=False)
+    console.print(str(check_certificate(certificate, exact=exact)), markup=False, highlight=False)

@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from hhr_dolfinx.errors import (
     UndeterminedWarning,
 )
 from hhr_dolfinx.files import read_arrays, write_arrays
+from hhr_dolfinx.plugins.worst_case import check, exact_check
 from hhr_dolfinx.plugins.worst_case.affine import (
     AffineContact,
     Candidates,
@@ -336,6 +338,58 @@ def test_certificates_that_do_not_prove_are_found(lie, tmp_path):
     assert claim.startswith(f"peak is nowhere in the box above {found.proven!r}")
     with pytest.raises(FileContentError, match="no proof"):
         hhr.check_certificate(changed(tmp_path / "proof.npz", tmp_path / "lie.npz", **LIES[lie]))
+
+
+@pytest.mark.parametrize("output", ["peak", "sum"])
+def test_a_certificate_is_proven_in_rational_numbers(output, tmp_path):
+    """Without a rounding, of the value that the file says and a billionth of it."""
+    found = hhr.worst(matrices(0), output, 0.02)
+    found.save(tmp_path / "proof.npz")
+    claim = hhr.check_certificate(tmp_path / "proof.npz", exact=True)
+    said = float(claim.split(" above ")[1].split(":")[0])
+    assert found.proven < said <= found.proven * (1 + 2e-9)
+    assert "rational numbers" in claim
+
+
+@pytest.mark.parametrize("lie", [*LIES, "a value lower by a part of a million"])
+def test_lies_are_found_in_rational_numbers_too(lie, tmp_path):
+    found = hhr.worst(matrices(0), "peak", 0.02)
+    found.save(tmp_path / "proof.npz")
+    changes = LIES.get(lie, {"proven": lambda value: value * (1 - 1e-6)})
+    with pytest.raises(FileContentError, match="no proof"):
+        hhr.check_certificate(
+            changed(tmp_path / "proof.npz", tmp_path / "lie.npz", **changes), exact=True
+        )
+
+
+def test_exact_bounds_of_a_box_are_those_of_doubles(tmp_path):
+    """Both checkers bound the same box: to round-off, and roots from above."""
+    hhr.worst(matrices(1), "peak", 0.02).save(tmp_path / "proof.npz")
+    _, arrays = read_arrays(tmp_path / "proof.npz", FORMAT, VERSION)
+    (part, *_), nothing = check._parts(arrays), np.zeros(len(arrays["free"]), dtype=bool)
+    exact = exact_check._Rest(exact_check._Rational.of(arrays), part, nothing, nothing)
+    names = "schur", "free", "slopes", "motions", "driving", "corners", "solutions"
+    problem = check._Problem(*(arrays[name] for name in names))
+    double = check._Rest(problem, part, nothing, nothing)
+    outputs = arrays["constant"], arrays["along"], problem.scaled(arrays["weights"])
+    upper, (low, high) = double.bounds(*outputs)
+    assert float(exact.far) == pytest.approx(double.far, rel=1e-9)
+    np.testing.assert_allclose(exact.upper().astype(float), upper, rtol=1e-9)
+    signs = exact.slopes()
+    np.testing.assert_array_equal(signs[0], np.sign(low))
+    np.testing.assert_array_equal(signs[1], np.sign(high))
+
+
+@pytest.mark.parametrize("value", ["0", "1/3", "4", "1e-300", "123456789e250"])
+def test_roots_are_enclosed_from_above(value):
+    value = Fraction(value)
+    root = exact_check.root_above(value)
+    assert root**2 >= value and root**2 <= value * (1 + Fraction(1, 2**100))
+
+
+def test_motions_and_many_conditions_are_not_proven_in_rational_numbers(tmp_path):
+    with pytest.raises(NotOfferedError, match="displacements hold"):
+        hhr.check_certificate(between_walls(tmp_path), exact=True)
 
 
 def between_walls(tmp_path, **changes):
