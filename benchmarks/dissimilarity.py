@@ -6,7 +6,7 @@ each, and reduced to five modes by the thesis' recipe. V* spans the five full an
 pressure. Right sides are taken with constants of the proof of theorem 6, K = 1 + M_a / alpha' in
 the Euclidean norm, and with those that the thesis takes for its figures, the moduli (2.143) and
 (2.144), with alpha in the place of alpha'. Neither is proved: the infimum of (2.128) is over all of
-the reduced space, and that of the proof over fewer functions (docs/bounds.md).
+the reduced space, and that of the proof over fewer functions (docs/bounds_thesis.md).
 
 What to see: alpha' is near the thesis', 1.7e4 for 1.9e4. With five modes no error exceeds a right
 side. In the median the first is 3 times the error with the moduli and 120 times with the constants

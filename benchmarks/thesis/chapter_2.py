@@ -35,7 +35,9 @@ WHAT = {
     "6": "displacement on the whole mesh, (2.87)",
     "8": "a posteriori, displacement on the RID, (2.116)",
 }
-EXCEEDED = "infima over all of the reduced space and alpha of moduli are no bound (docs/bounds.md)"
+EXCEEDED = (
+    "infima over all of the reduced space and alpha of moduli are no bound (docs/bounds_thesis.md)"
+)
 PROVED = "by default: energy norms and constants of the proofs"
 REASONS = {
     "3": "M_a / beta_HR times the error of displacement over that of forces, which depends on the "

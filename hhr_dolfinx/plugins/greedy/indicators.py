@@ -76,7 +76,7 @@ class LargestEstimate:
 
     For an elastic answer it is a bound or nearly one, if its model has one. For a step of inelastic
     bodies it is the part of its stress that no mode of training explains; it follows the error of
-    the stress, see docs/bounds.md.
+    the stress, see docs/history_indicator.md.
     """
 
     def prepared(self, full: FullOrderModel) -> Score:

@@ -122,7 +122,7 @@ class FlowFields:
     def estimate(self, answer: Answer) -> Estimate:
         """Indicator of the error, the part of the stress that the training does not represent.
 
-        See docs/bounds.md.
+        See docs/history_indicator.md.
         """
         return Estimate.indicated(
             share_of_stress(*self.unexplained(state(answer).stress)), STRESS_INDICATOR

@@ -9,15 +9,15 @@ matrix P^T K^-1 P, P = (loads, B^T), which condensation interpolates between few
     |V γ - K^-1 f|_K^2 = γ^T V^T K V γ - 2 γ^T V^T f + f^T K^-1 f,
 
 whose first terms are small matrices. Its root is meaningful above the root of the error of the
-interpolation. docs/bounds.md states when that error is proved; otherwise the result is called an
-estimate.
+interpolation. docs/bounds_dependence.md states when that error is proved; otherwise the result is
+called an estimate.
 
 The error of forces follows from the solution of the contact problem on S, found from the statuses
 of the answer. With the field u in equilibrium with any λ >= 0, its slack s, and r = s where λ > 0
 or s < 0, else 0, the exact (U, Λ) has
 |λ - Λ|_S = |u - U|_K <= |r|_{S^-1}. Another field, with the slack ŝ and its r̂, and the difference
 a from u in energy, has an error x of at most a + |r|_{S^-1}, and
-x^2 <= a x + |λ - Λ|_S |r̂|_{S^-1}: docs/bounds.md has the proof.
+x^2 <= a x + |λ - Λ|_S |r̂|_{S^-1}: docs/bounds_proofs.md has the proof.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import CheckedStart
     from hhr_dolfinx.study.training.train import Training
 
-WRONG = 1e-9
+WRONG_PART = 1e-9
 """Pull or overlap over the largest force or slack beyond which the full model answers."""
 TOUCHED = 1e-12
 """Influence of an uncertain force over the largest one below which a closed condition does not feel
@@ -57,7 +57,7 @@ def _made(training: Training) -> BoxwiseModel:
 
 
 @dataclass(frozen=True)
-class Box:
+class ContactBox:
     """Contact conditions of a box of parameters (r uncertain ones, c closed ones, 2^P corners)."""
 
     uncertain: np.ndarray  #: numbers of these, (r,)
@@ -67,16 +67,16 @@ class Box:
     corners: np.ndarray  #: their forces at the corners, (r, 2^P)
     held: np.ndarray  #: forces of closed ones without these, (c, 1 + T)
     touched: np.ndarray  #: places among the closed ones that feel uncertain forces, (t,)
-    pushed: np.ndarray  #: their change with these, (t, r)
+    held_per_force: np.ndarray  #: their change with these, (t, r)
     watched: np.ndarray  #: slacks of open ones that might close, without these, (o, 1 + T)
-    lifted: np.ndarray  #: their change with these, (o, r)
+    watched_per_force: np.ndarray  #: their change with these, (o, r)
     reach: float  #: size of δ up to which no other open one closes
 
     @classmethod
     def of(
         cls, schur: np.ndarray, slack: np.ndarray, statuses: np.ndarray, forces: np.ndarray
-    ) -> Box:
-        """Box of answers at its corners.
+    ) -> ContactBox:
+        """ContactBox of answers at its corners.
 
         Args:
             schur: S of all conditions, (m, m).
@@ -136,8 +136,8 @@ class Box:
         slack = self.slack @ theta
         found = active_set(self.equalities, slack, slack < 0)
         forces = found.forces
-        held[self.touched] += self.pushed @ forces
-        open_slack = self.watched @ theta + self.lifted @ forces
+        held[self.touched] += self.held_per_force @ forces
+        open_slack = self.watched @ theta + self.watched_per_force @ forces
         right = (
             found.status is Status.CONVERGED
             and not _negative(held)
@@ -148,9 +148,9 @@ class Box:
 
 
 def _negative(values: np.ndarray) -> bool:
-    """Whether a value is below zero by more than round-off."""
+    """True if a value is below zero by more than round-off."""
     least = float(values.min(initial=0.0))
-    return least < 0 and -least > WRONG * float(np.abs(values).max())
+    return least < 0 and -least > WRONG_PART * float(np.abs(values).max())
 
 
 class BoxwiseModel(AnsweringModel):
@@ -161,7 +161,7 @@ class BoxwiseModel(AnsweringModel):
         most: most corners, if there are more than two along each parameter.
 
     Attributes:
-        asked: how many answers the full model gave.
+        fallbacks: how many answers the full model gave.
 
     Raises:
         NotOfferedError: see :func:`~hhr_dolfinx.plugins.rivals.projection.check_elastic`, and for
@@ -174,7 +174,7 @@ class BoxwiseModel(AnsweringModel):
         if problem.varies or problem.amplitudes.nonaffine:
             raise NotOfferedError("boxes are for affine loads and gaps, and one stiffness")
         self.parameters = space = full.parameters
-        self.asked = 0
+        self.fallbacks = 0
         self._full = full
         count = len(space.names)
         self._sides = max(int(most ** (1 / count) + 1e-9) - 1, 1)
@@ -187,11 +187,11 @@ class BoxwiseModel(AnsweringModel):
         known = {place: full.solve(self._low + np.array(place) * self._width) for place in lines}
         free = problem.contact @ full.stiffness.columns(problem.loads)
         slack = problem.gaps - free
-        self._boxes: dict[tuple[int, ...], Box] = {}
+        self._boxes: dict[tuple[int, ...], ContactBox] = {}
         for place in itertools.product(range(self._sides), repeat=count):
             answers = [known[tuple(np.add(place, step).tolist())] for step in steps]
             thetas = [problem.amplitudes(answer.parameter) for answer in answers]
-            self._boxes[place] = Box.of(
+            self._boxes[place] = ContactBox.of(
                 full.schur,
                 np.column_stack([slack, *(slack @ theta for theta in thetas)]),
                 np.column_stack([answer.active for answer in answers]),
@@ -221,7 +221,7 @@ class BoxwiseModel(AnsweringModel):
         forces[box.closed] = held
         forces[box.uncertain] = uncertain
         if not right or inside.min() < 0 or inside.max() > 1:
-            self.asked += 1
+            self.fallbacks += 1
             return self._full.solve(point, start=forces > 0, outside="ignore")
         found = Statuses(forces, forces > 0, count, Status.CONVERGED, False)
         return found_as(found, point, np.zeros(0), self.fields)

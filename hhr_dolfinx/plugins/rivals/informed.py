@@ -19,15 +19,15 @@ from hhr_dolfinx.plugins.studies.study import Rival
 if TYPE_CHECKING:
     from hhr_dolfinx.study.training.train import Training
 
-WIDTH = 64
-MOST_STEPS = 2000
+NEURONS = 64
+MOST_FIT_STEPS = 2000
 COLLOCATED = 4
 """Neurons of each of two layers, steps of L-BFGS, and points of the equations for each one of
 training.
 """
 MOST_COLLOCATED = 400_000
 """Most contact conditions at all points of the equations together."""
-ROUND_OFF = 1e-12
+ENERGY_ROUND_OFF = 1e-12
 """Part of the largest energy of unknowns that is round-off."""
 
 
@@ -49,7 +49,7 @@ def _made(training: Training) -> Regression:
 
 
 @dataclass(frozen=True)
-class Equations:
+class ContactEquations:
     """Equations and contact conditions of coefficients z of modes, (n, k), at points of amplitudes
     θ, (n, 1 + T).
 
@@ -66,14 +66,21 @@ class Equations:
     forces: np.ndarray
 
     @classmethod
-    def of(cls, training: Training, fields: np.ndarray, forces: np.ndarray) -> Equations:
-        """Those of modes of displacements, (N, k1), and of forces, (m, k2)."""
-        full, problem = training.full_order, training.full_order.problem
+    def of(cls, training: Training, fields: np.ndarray, forces: np.ndarray) -> ContactEquations:
+        """Equations of a training.
+
+        Args:
+            training: training of the scene.
+            fields: modes of displacements, (N, k1).
+            forces: modes of forces, (m, k2).
+        """
+        full = training.full_order
+        problem = full.problem
         loaded = full.stiffness.columns(problem.loads)
         columns = np.hstack([fields, full.per_force @ forces, loaded])
         energy = columns.T @ (problem.own_stiffness @ columns)
         values, vectors = linalg.eigh((energy + energy.T) / 2)
-        kept = values > ROUND_OFF * values[-1]
+        kept = values > ENERGY_ROUND_OFF * values[-1]
         coordinates = vectors[:, kept] * np.sqrt(values[kept])
         known = training.snapshots.displacements
         size = np.sqrt(np.mean(np.sum(known * (problem.own_stiffness @ known), axis=0)))
@@ -95,6 +102,10 @@ class Equations:
     def errors(self, unknown: np.ndarray, theta: np.ndarray) -> tuple[float, np.ndarray]:
         """Mean squares of the error of equilibrium and of a + b - (a² + b²)^½ of forces and slacks,
         both together, and their gradient, (n, k).
+
+        Args:
+            unknown: coefficients, (n, k).
+            theta: amplitudes, (n, 1 + T).
         """
         off = unknown @ self.balance - theta @ self.loaded
         forces = unknown @ self.forces
@@ -102,7 +113,8 @@ class Equations:
         length = np.hypot(forces, slack)
         broken = forces + slack - length
         length = np.where(length > 0, length, 1.0)
-        of_forces, of_slack = broken * (1 - forces / length), broken * (1 - slack / length)
+        of_forces = broken * (1 - forces / length)
+        of_slack = broken * (1 - slack / length)
         energies = (2 / len(off)) * off @ self.balance.T
         conditions = (2 / broken.size) * (of_forces @ self.forces.T - of_slack @ self.slack.T)
         size = np.sum(off**2) / len(off) + np.mean(broken**2)
@@ -110,20 +122,25 @@ class Equations:
 
 
 @dataclass(frozen=True)
-class Network:
+class Perceptron:
     """Two layers of tanh, and a linear one."""
 
     layers: list[np.ndarray]  #: weights with a row of shifts, (in + 1, out) each
 
     @classmethod
-    def of(cls, flat: np.ndarray, sizes: list[tuple[int, int]]) -> Network:
-        """Layers of sizes, (in + 1, out), from all their weights."""
+    def of(cls, flat: np.ndarray, sizes: list[tuple[int, int]]) -> Perceptron:
+        """Layers from all their weights.
+
+        Args:
+            flat: weights, one after another.
+            sizes: of each layer, (in + 1, out).
+        """
         ends = np.cumsum([rows * columns for rows, columns in sizes])[:-1]
         parts = np.split(flat, ends)
         return cls([part.reshape(size) for part, size in zip(parts, sizes, strict=True)])
 
     def passed(self, points: np.ndarray) -> list[np.ndarray]:
-        """Points, (n, P), and what each layer makes of them."""
+        """Points, (n, P), and the outputs of each layer."""
         states = [points]
         for number, layer in enumerate(self.layers):
             state = states[-1] @ layer[:-1] + layer[-1]
@@ -131,7 +148,12 @@ class Network:
         return states
 
     def pulled_back(self, states: list[np.ndarray], gradient: np.ndarray) -> np.ndarray:
-        """Gradient along all weights from that along what the last layer makes, (n, k)."""
+        """Gradient along all weights.
+
+        Args:
+            states: of :meth:`passed`.
+            gradient: along the outputs of the last layer, (n, k).
+        """
         found = []
         for number in range(len(self.layers) - 1, -1, -1):
             found.append(np.vstack([states[number].T @ gradient, gradient.sum(axis=0)]).ravel())
@@ -141,21 +163,22 @@ class Network:
 
 def _informed(training: Training, points: np.ndarray, values: np.ndarray) -> Predict:
     """Fit of :class:`Regression`, of scaled points, (S, P), and coefficients, (S, k)."""
-    full, snapshots = training.full_order, training.snapshots
-    fields, forces = Coefficients.of(snapshots.displacements), Coefficients.of(snapshots.forces)
-    equations = Equations.of(training, fields.modes, forces.modes)
+    full = training.full_order
+    fields = Coefficients.of(training.snapshots.displacements)
+    forces = Coefficients.of(training.snapshots.forces)
+    equations = ContactEquations.of(training, fields.modes, forces.modes)
     mean = np.concatenate([fields.mean, forces.mean])
     scale = np.concatenate([fields.scale, forces.scale])
     most = max(MOST_COLLOCATED // len(forces.modes), 1)
-    asked = full.parameters.random(min(COLLOCATED * len(points), most), 0)
+    collocation = full.parameters.random(min(COLLOCATED * len(points), most), 0)
     terms = np.eye(full.problem.gaps.shape[1])
-    theta = np.stack([terms @ full.problem.amplitudes(point) for point in asked])
-    everywhere = np.vstack([points, scaled(full.parameters, asked)])
-    ends = [points.shape[1], WIDTH, WIDTH, values.shape[1]]
+    theta = np.stack([terms @ full.problem.amplitudes(point) for point in collocation])
+    everywhere = np.vstack([points, scaled(full.parameters, collocation)])
+    ends = [points.shape[1], NEURONS, NEURONS, values.shape[1]]
     sizes = [(before + 1, after) for before, after in itertools.pairwise(ends)]
 
     def loss(flat: np.ndarray) -> tuple[float, np.ndarray]:
-        network = Network.of(flat, sizes)
+        network = Perceptron.of(flat, sizes)
         states = network.passed(everywhere)
         data = states[-1][: len(points)] - values
         size, along = equations.errors(mean + scale * states[-1][len(points) :], theta)
@@ -165,6 +188,6 @@ def _informed(training: Training, points: np.ndarray, values: np.ndarray) -> Pre
     random = np.random.default_rng(0)
     start = [random.normal(0, (1 / rows) ** 0.5, (rows, columns)) for rows, columns in sizes]
     first = np.concatenate([layer.ravel() for layer in start])
-    found = minimize(loss, first, jac=True, method="L-BFGS-B", options={"maxiter": MOST_STEPS})
-    trained = Network.of(found.x, sizes)
+    found = minimize(loss, first, jac=True, method="L-BFGS-B", options={"maxiter": MOST_FIT_STEPS})
+    trained = Perceptron.of(found.x, sizes)
     return lambda queries: trained.passed(queries)[-1]

@@ -39,12 +39,12 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import CheckedStart
     from hhr_dolfinx.study.training.train import Training
 
-PENALTY = 1000.0
+PENALTY_FACTOR = 1000.0
 NITSCHE = 10.0
 """Force of a unit overlap, over that by which the node of a condition alone yields."""
 MOST_LINEAR = 100
 """Most linear problems of an answer."""
-LEFT_OUT = 1e-12
+FORCE_MODES_LEFT_OUT = 1e-12
 """Part of the squared sum of training forces that their modes leave out."""
 
 
@@ -71,7 +71,7 @@ def _rivals(method: str, training: Training, *, nitsche: bool) -> Iterator[Rival
 def _made(training: Training, method: str, count: int, *, nitsche: bool) -> PrimalModel:
     full = training.full_order
     check_elastic(full, method)
-    modes = pod(touching(training.snapshots), LEFT_OUT)[0][:, :count]
+    modes = pod(touching(training.snapshots), FORCE_MODES_LEFT_OUT)[0][:, :count]
     basis = with_supremizers(full, displacement_modes(training.snapshots, MOST_MODES), modes)
     return PrimalModel(full, basis, modes, nitsche=nitsche)
 
@@ -83,8 +83,7 @@ class PrimalModel(AnsweringModel):
         full: the full model, on one rank, with a constant stiffness.
         basis: V, orthonormal, (N, ell).
         modes: U, modes of forces, (N_lambda, r).
-        nitsche: add the forces that the displacement itself leaves over, in the place of a large
-            penalty.
+        nitsche: add the forces that the displacement itself leaves over, with a small penalty.
 
     Raises:
         NotOfferedError: see :func:`~hhr_dolfinx.plugins.rivals.projection.check_elastic`, and for
@@ -106,14 +105,15 @@ class PrimalModel(AnsweringModel):
         self.fields = ConeFields(full, basis, interpolated)
         self._problem = problem
         reduced = project(problem, basis, whole(problem))
-        self._stiffness, self._loads = reduced.stiffness, reduced.loads
+        self._stiffness = reduced.stiffness
+        self._loads = reduced.loads
         self._push = reduced.contact_trial.T @ interpolated
-        scale = (NITSCHE if nitsche else PENALTY) / full.schur.diagonal()[nodes, None]
+        scale = (NITSCHE if nitsche else PENALTY_FACTOR) / full.schur.diagonal()[nodes, None]
         self._rows = scale * reduced.contact_trial[nodes]
         self._shift = -scale * reduced.gaps[nodes]
         if nitsche:
-            moved, still = left_over(full, basis)
-            self._rows -= moved[nodes]
+            followed, still = left_over(full, basis)
+            self._rows -= followed[nodes]
             self._shift += still[nodes]
         self.advice = {Status.CYCLING: "pressures at the nodes of interpolation do not settle"}
 
@@ -128,14 +128,18 @@ class PrimalModel(AnsweringModel):
         if gradient:
             raise NotOfferedError("rivals have no gradients: ask the full model")
         theta = self._problem.amplitudes(point)
-        loads, shift = self._loads @ theta, self._shift @ theta
+        loads = self._loads @ theta
+        shift = self._shift @ theta
         closed = np.zeros(len(shift), dtype=bool)
-        count, settled = 0, False
+        count = 0
+        settled = False
         while not settled and count < MOST_LINEAR:
             stiffness = self._stiffness + self._push[:, closed] @ self._rows[closed]
             unknown = np.linalg.solve(stiffness, loads - self._push[:, closed] @ shift[closed])
             pressures = self._rows @ unknown + shift
-            count, before, closed = count + 1, closed, pressures > 0
+            count += 1
+            before = closed
+            closed = pressures > 0
             settled = bool((before == closed).all())
         forces = self.fields.cone @ np.where(closed, pressures, 0.0)
         status = Status.CONVERGED if settled else Status.CYCLING
@@ -163,6 +167,6 @@ def left_over(full: FullOrderModel, basis: np.ndarray) -> tuple[np.ndarray, np.n
         gram = sparse_linalg.splu((rows @ rows.T).tocsc())
     except RuntimeError as error:
         raise ReductionError("Nitsche's method needs independent rows of contact") from error
-    moved = gram.solve(np.asarray(rows @ (problem.own_stiffness @ basis)))
+    followed = gram.solve(np.asarray(rows @ (problem.own_stiffness @ basis)))
     still = gram.solve((rows @ problem.loads).toarray())
-    return moved, still
+    return followed, still

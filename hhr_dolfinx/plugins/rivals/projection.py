@@ -34,7 +34,7 @@ COMPLIANCE = 1e-10
 """Compliance of each contact condition over the mean one of the model, where all are kept: rows
 that modes cannot tell apart share their force then.
 """
-MOST_CONDITIONS = 1000
+MOST_KEPT = 1000
 """Most contact conditions of a model that keeps all of them."""
 INFEASIBLE = 1e-12
 """Length of the residual of unit non-negative least squares below which nothing fits between the
@@ -123,10 +123,10 @@ class ConeModel(AnsweringModel):
     ):
         check_elastic(full, "a projection")
         problem = full.problem
-        if cone is None and len(problem.gaps) > MOST_CONDITIONS:
+        if cone is None and len(problem.gaps) > MOST_KEPT:
             raise NotOfferedError(
                 f"non-negative least squares with all of {len(problem.gaps)} conditions take "
-                f"minutes: {MOST_CONDITIONS} are the most"
+                f"minutes: {MOST_KEPT} are the most"
             )
         self.parameters = full.parameters
         self.cone = np.eye(len(problem.gaps)) if cone is None else cone

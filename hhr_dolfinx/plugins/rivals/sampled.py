@@ -1,4 +1,4 @@
-"""Energies of few weighted cells in the place of the stiffness of all of them."""
+"""Energies of few weighted cells instead of the stiffness of all of them."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.study.training.train import Training
 
-MODES = 20
+MODES_EACH = 20
 """Modes of displacements, and functions of the cone."""
-TOLERANCES = 1e-4, 1e-6
+WORKS_LEFT_OUT = 1e-4, 1e-6
 """Size of works of training, over the largest, up to which weights do not count them."""
 MOST_ANSWERS = 40
 """Most training answers whose works weights are fitted to."""
@@ -46,18 +46,19 @@ def weighted_cells(training: Training) -> Iterator[Rival]:
     bodies is reduced before the first question, so that they gain nothing here, and lose what the
     weights leave out.
     """
-    for tolerance in TOLERANCES:
+    for tolerance in WORKS_LEFT_OUT:
         made = partial(_made, training, tolerance)
         yield Rival("ECSW and NNMF", f"works to {tolerance:g}", made)
 
 
 def _made(training: Training, tolerance: float) -> ConeModel:
-    full, snapshots = training.full_order, training.snapshots
+    full = training.full_order
+    snapshots = training.snapshots
     check_elastic(full, "ECSW")
     if full.scene.system is not None:
         raise NotOfferedError("ECSW weighs cells, and a system states a stiffness without them")
-    cone = nonnegative_factors(touching(snapshots), MODES)
-    basis = with_supremizers(full, displacement_modes(snapshots, MODES), cone)
+    cone = nonnegative_factors(touching(snapshots), MODES_EACH)
+    basis = with_supremizers(full, displacement_modes(snapshots, MODES_EACH), cone)
     works = works_of_cells(full, basis)
     step = -(-len(snapshots.points) // MOST_ANSWERS)
     weights = fitted(works, basis.T @ snapshots.displacements[:, ::step], tolerance)
@@ -73,9 +74,11 @@ def works_of_cells(full: FullOrderModel, basis: np.ndarray) -> np.ndarray:
         full: the full model, on one rank.
         basis: V, (N, ell).
     """
-    space, scene = full.discretisation, full.scene
+    space = full.discretisation
+    scene = full.scene
     fields = [field_of(space, column) for column in basis.T]
-    stressed, strained = fem.Function(space.space), fem.Function(space.space)
+    stressed = fem.Function(space.space)
+    strained = fem.Function(space.space)
     cells = ufl.TestFunction(fem.functionspace(space.mesh, ("Discontinuous Lagrange", 0)))
     weight = elasticity.volume_weight(space.mesh, scene.hypothesis)
     strain = elasticity.strain(strained, scene.hypothesis)

@@ -1,4 +1,4 @@
-"""How much a bound of forces may exceed their error: the effectivity from above.
+"""Effectivity from above: the most by which a bound of forces may exceed their error.
 
 For forces λ' >= 0 with the slack s in equilibrium with them |λ' - λ|_S <= |r|_{S^-1}, r = s where a
 force is positive (docs/bounds_proofs.md). If λ' has the statuses of λ, closed conditions A,

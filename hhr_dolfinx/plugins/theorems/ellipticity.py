@@ -73,7 +73,7 @@ class Ellipticity:
 
         These are constants of a in the norm of the strain in the plane. The thesis takes them for
         those in the Euclidean norm of nodal values, in which they are constants for no mesh: see
-        docs/bounds.md.
+        docs/bounds_thesis.md.
 
         Raises:
             BoundError: if moduli depend on parameters or on the place.

@@ -2,22 +2,26 @@
 
 It reads the numbers of a certificate, walks from the whole box to its smallest parts, and bounds
 the candidates in each again, by explicit inverses. Forces at corners need not be right: what they
-lack of a solution enlarges the bounds. What it needs to trust is this file and NumPy.
+lack of a solution enlarges the bounds. It needs to trust this file, certificate.py and NumPy.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.files import read_arrays
-
-FORMAT = "hhr_dolfinx worst case"
-VERSION = 1
+from hhr_dolfinx.plugins.worst_case.certificate import (
+    FORMAT,
+    VERSION,
+    Part,
+    answered,
+    check_arrays,
+    corners_of,
+    parts_of,
+)
 
 ROUND_OFF = 1e-9
 """Relative difference of two bounds that counts as round-off of different ways to compute them."""
@@ -35,31 +39,10 @@ TINY = 1e-13
 """Round-off of slopes, and of the slack of closed conditions, relative to their terms: the latter
 counts as lacking, since the root of its product with the force would be much larger.
 """
-LARGE = 1e100
-"""Largest size of numbers, and with its reciprocal of those that are not zero: squares of others
-leave the range of double precision.
-"""
 MOST_SIDES = 12
 """Most parameters along which a box has a length: each doubles its corners."""
 ROUNDS = 5
 """Rounds in which sure conditions sharpen the bounds of the others: more than the search makes."""
-
-
-@dataclass(frozen=True)
-class Part:
-    """A box of a certificate.
-
-    Attributes:
-        lower: (P,).
-        upper: (P,).
-        chosen: candidates that it answers for, (K,) bool.
-        children: numbers of the boxes that take its place.
-    """
-
-    lower: np.ndarray
-    upper: np.ndarray
-    chosen: np.ndarray
-    children: tuple[int, ...]
 
 
 def check_certificate(path: str | Path, *, exact: bool = False) -> str:
@@ -84,8 +67,8 @@ def check_certificate(path: str | Path, *, exact: bool = False) -> str:
         return check_exactly(path)
     header, arrays = read_arrays(path, FORMAT, VERSION)
     try:
-        _check_arrays(arrays)
-        parts = list(_parts(arrays))
+        check_arrays(arrays)
+        parts = list(parts_of(arrays))
         proven = float(arrays["proven"])
         names = ("schur", "free", "slopes", "motions", "driving", "corners", "solutions")
         problem = _Problem(*(arrays[name] for name in names))
@@ -97,60 +80,6 @@ def check_certificate(path: str | Path, *, exact: bool = False) -> str:
     side, value = ("below", -proven) if header.get("smallest") else ("above", proven)
     claim = f"{header.get('output')} is nowhere in the box {side} {value!r}"
     return f"{claim}: proven again by {len(parts)} boxes"
-
-
-def _check_arrays(arrays: dict[str, np.ndarray]) -> None:
-    """Raise ValueError for arrays of other kinds, shapes or sizes, which might pass unseen."""
-    boxes, candidates = arrays["chosen"].shape
-    conditions, motions = arrays["motions"].shape
-    corners, parameters = arrays["corners"].shape
-    unknowns = conditions + motions
-    shapes = {
-        "schur": (conditions, conditions),
-        "free": (conditions,),
-        "slopes": (conditions, parameters),
-        "motions": (conditions, motions),
-        "driving": (motions, 1 + parameters),
-        "constant": (candidates,),
-        "along": (candidates, parameters),
-        "weights": (candidates, unknowns),
-        "proven": (),
-        "parents": (boxes,),
-        "lower": (boxes, parameters),
-        "upper": (boxes, parameters),
-        "chosen": (boxes, candidates),
-        "corners": (corners, parameters),
-        "solutions": (corners, unknowns),
-    }
-    if not (boxes and candidates and conditions):
-        raise ValueError("there is no box, no candidate or no condition")
-    for name, shape in shapes.items():
-        array = arrays[name]
-        kind = {"parents": "i", "chosen": "b"}.get(name, "f")
-        if array.shape != shape or array.dtype.kind != kind:
-            raise ValueError(f"{name} is {array.dtype} {array.shape}, not '{kind}' {shape}")
-        if kind == "f" and np.abs(array).max(initial=0.0) > LARGE:
-            raise ValueError(f"{name} has numbers above {LARGE:g}")
-    loads = np.column_stack([arrays["free"], arrays["slopes"]])
-    for name, sizes in (
-        ("loads", np.abs(loads).max(keepdims=True)),
-        ("weights", np.abs(arrays["weights"]).max(axis=1)),
-        ("the diagonal of S", np.diag(arrays["schur"])),
-    ):
-        if (sizes[sizes != 0] < 1 / LARGE).any():
-            raise ValueError(f"{name}: a size below {1 / LARGE:g} that is not zero")
-
-
-def _parts(arrays: dict[str, np.ndarray]) -> Iterator[Part]:
-    """The boxes of a file."""
-    children: dict[int, list[int]] = {}
-    for number, parent in enumerate(arrays["parents"].tolist()):
-        if parent >= number:
-            raise ValueError(f"box {number} is a part of a later one")
-        children.setdefault(parent, []).append(number)
-    columns = (arrays[name] for name in ("lower", "upper", "chosen"))
-    for number, (lower, upper, chosen) in enumerate(zip(*columns, strict=True)):
-        yield Part(lower, upper, chosen, tuple(children.get(number, ())))
 
 
 class _Problem:
@@ -208,48 +137,11 @@ def _check(
         loss = TINY * (np.abs(slopes[0]) + np.abs(slopes[1]))
         slopes = slopes[0] + loss, slopes[1] - loss
         for child in part.children:
-            missing &= ~_answered(parts, part, parts[child], slopes)
+            missing &= ~answered(parts, part, parts[child], slopes)
             left.append((child, closed, opened, upper))
         if missing.any():
             largest = upper[missing].max()
             raise ValueError(f"box {number} leaves candidate {missing.argmax()} at {largest:.6g}")
-
-
-def _answered(
-    parts: list[Part], part: Part, child: Part, slopes: tuple[np.ndarray, np.ndarray]
-) -> np.ndarray:
-    """Candidates of a box that a part answers for, (K,) bool: on a face where they are largest, or
-    with the other half.
-    """
-    if (child.lower < part.lower).any() or (child.upper > part.upper).any():
-        raise ValueError("a part is not within its box")
-    cut_above = child.upper < part.upper
-    cut_below = child.lower > part.lower
-    falls = (slopes[1] <= 0) | ~cut_above
-    rises = (slopes[0] >= 0) | ~cut_below
-    on_face = (child.lower == child.upper) | ~(cut_above | cut_below)
-    answered: np.ndarray = child.chosen & (falls & rises).all(axis=1) & on_face.all()
-    cut = np.flatnonzero(cut_above | cut_below)
-    if cut.size == 1:
-        others = [parts[other] for other in part.children if parts[other] is not child]
-        for other in others:
-            answered = answered | (
-                child.chosen & other.chosen & _halves(part, child, other, int(cut[0]))
-            )
-    return answered
-
-
-def _halves(part: Part, one: Part, other: Part, axis: int) -> bool:
-    """Whether two boxes make up a third one, divided along an axis."""
-    rest = np.arange(len(part.lower)) != axis
-    low, high = (one, other) if one.lower[axis] <= other.lower[axis] else (other, one)
-    same = all(
-        np.array_equal(half.lower[rest], part.lower[rest])
-        and np.array_equal(half.upper[rest], part.upper[rest])
-        for half in (low, high)
-    )
-    ends = low.lower[axis] == part.lower[axis] and high.upper[axis] == part.upper[axis]
-    return bool(same and ends and low.upper[axis] >= high.lower[axis])
 
 
 def _bounds(
@@ -297,7 +189,7 @@ class _Rest:
         self.free_sides = np.flatnonzero(part.lower < part.upper)
         if len(self.free_sides) > MOST_SIDES:
             raise ValueError(f"a box has more than {MOST_SIDES} sides with a length")
-        corners = list(_corners(part, self.free_sides))
+        corners = list(corners_of(part, self.free_sides))
         self.at = np.column_stack([np.concatenate([[1.0], corner]) for corner in corners])
         solutions = np.column_stack([problem.solutions[corner.tobytes()] for corner in corners])
         self.forces = np.maximum(solutions[self.rest], 0)
@@ -371,13 +263,3 @@ class _Rest:
         radius = 0.5 * norms[:, None] * np.sqrt(np.maximum((full * (self.M @ full)).sum(axis=0), 0))
         centre = base[:, 1:] + 0.5 * w @ full
         return upper, (centre - radius, centre + radius)
-
-
-def _corners(part: Part, sides: np.ndarray) -> Iterator[np.ndarray]:
-    """Corners of a box, (P,) each; bit k of their number is that of side k."""
-    for number in range(2 ** len(sides)):
-        corner = part.lower.copy()
-        for k, side in enumerate(sides):
-            if number >> k & 1:
-                corner[side] = part.upper[side]
-        yield corner

@@ -16,23 +16,28 @@ import numpy as np
 
 from hhr_dolfinx.errors import FileContentError, NotOfferedError
 from hhr_dolfinx.files import read_arrays
-from hhr_dolfinx.plugins.worst_case.check import (
+from hhr_dolfinx.plugins.worst_case.certificate import (
     FORMAT,
     LARGE,
-    ROUND_OFF,
-    ROUNDS,
-    TINY,
     VERSION,
     Part,
-    _answered,
-    _check_arrays,
-    _corners,
-    _parts,
+    answered,
+    check_arrays,
+    corners_of,
+    parts_of,
 )
 
-MOST_CONDITIONS = 40
+MOST_EXACT = 40
 """Most conditions of a certificate that is proven in rational numbers: these grow with the cube of
 their number, and their digits with it too.
+"""
+FORGIVEN = 1e-9
+"""Part of the value of a file that is added to it: what the checker of doubles forgives."""
+EXACT_ROUNDS = 5
+"""Rounds in which sure conditions sharpen the bounds of the others."""
+LACKING = 1e-13
+"""Slack over its terms up to which it counts as lacking: the root of its product with a force would
+be larger.
 """
 ROOT_BITS = 160
 """Bits of a square root."""
@@ -55,25 +60,25 @@ def check_exactly(path: str | Path) -> str:
     """
     header, arrays = read_arrays(path, FORMAT, VERSION)
     try:
-        _check_arrays(arrays)
-        parts = list(_parts(arrays))
+        check_arrays(arrays)
+        parts = list(parts_of(arrays))
         conditions, motions = arrays["motions"].shape
-        if motions or conditions > MOST_CONDITIONS:
+        if motions or conditions > MOST_EXACT:
             raise NotOfferedError(
-                f"{conditions} conditions and {motions} motions: {MOST_CONDITIONS} conditions, of "
+                f"{conditions} conditions and {motions} motions: {MOST_EXACT} conditions, of "
                 "bodies that displacements hold, are proven in rational numbers"
             )
         limit = Fraction(float(arrays["proven"]))
-        limit += Fraction(ROUND_OFF) * abs(limit)
+        limit += Fraction(FORGIVEN) * abs(limit)
         _walk(_Rational.of(arrays), parts, limit)
     except (KeyError, IndexError, ValueError, ZeroDivisionError) as error:
         raise FileContentError(f"the certificate {path} is no proof: {error}") from error
     smallest = header.get("smallest")
     value = nextafter(float(limit), inf)
-    side, said = ("below", -value) if smallest else ("above", value)
+    claim = f"below {-value!r}" if smallest else f"above {value!r}"
     return (
-        f"{header.get('output')} is nowhere in the box {side} {said!r}: proven in rational numbers "
-        f"by {len(parts)} boxes"
+        f"{header.get('output')} is nowhere in the box {claim}: proven in rational numbers by "
+        f"{len(parts)} boxes"
     )
 
 
@@ -89,7 +94,11 @@ class _Rational:
 
     @classmethod
     def of(cls, arrays: dict[str, np.ndarray]) -> _Rational:
-        """The problem of a file."""
+        """The problem of a file.
+
+        Raises:
+            ValueError: for an S that is not symmetric and positive definite.
+        """
         schur = _exactly(arrays["schur"])
         if (schur != schur.T).any():
             raise ValueError("S is not symmetric")
@@ -142,35 +151,39 @@ def _walk(problem: _Rational, parts: list[Part], limit: Fraction) -> None:
     while left:
         number, closed, opened, known = left.pop()
         part = parts[number]
-        rest = _Rest(problem, part, closed, opened)
-        for _ in range(ROUNDS):
+        rest = _ExactRest(problem, part, closed, opened)
+        for _ in range(EXACT_ROUNDS):
             more_closed, more_open = rest.sure()
             if not (more_closed.any() or more_open.any()):
                 break
-            closed, opened = closed | more_closed, opened | more_open
-            rest = _Rest(problem, part, closed, opened)
+            closed = closed | more_closed
+            opened = opened | more_open
+            rest = _ExactRest(problem, part, closed, opened)
         upper = np.minimum(rest.upper(), known)
         missing = part.chosen & (upper > limit).astype(bool)
         slopes = rest.slopes() if part.children else (np.zeros(0), np.zeros(0))
         for child in part.children:
-            missing &= ~_answered(parts, part, parts[child], slopes)
+            missing &= ~answered(parts, part, parts[child], slopes)
             left.append((child, closed, opened, upper))
         if missing.any():
             largest = float(max(upper[missing]))
             raise ValueError(f"box {number} leaves candidate {missing.argmax()} at {largest:.17g}")
 
 
-class _Rest:
+class _ExactRest:
     """Conditions of a box that may change, the sure ones eliminated."""
 
     def __init__(self, problem: _Rational, part: Part, closed: np.ndarray, opened: np.ndarray):
-        gone, rest = np.flatnonzero(closed), np.flatnonzero(~(closed | opened))
+        gone = np.flatnonzero(closed)
+        rest = np.flatnonzero(~(closed | opened))
         across = problem.schur[np.ix_(gone, rest)]
         right = np.hstack([problem.terms[gone], across])
         passed_on = _solved(problem.schur[np.ix_(gone, gone)], right)
         count = problem.terms.shape[1]
-        terms, forces = -passed_on[:, :count], -passed_on[:, count:]
-        self.size, self.rest = len(closed), rest
+        terms = -passed_on[:, :count]
+        forces = -passed_on[:, count:]
+        self.size = len(closed)
+        self.rest = rest
         self.M = problem.schur[np.ix_(rest, rest)] + across.T @ forces
         self.free = problem.terms[rest] + across.T @ terms
         self.inverse = _solved(self.M, _exactly(np.eye(len(rest))))
@@ -178,7 +191,7 @@ class _Rest:
         self.base = problem.constant + weights @ terms
         self.weights = problem.weights[:, rest] + weights @ forces
         sides = np.flatnonzero(part.lower < part.upper)
-        corners = list(_corners(part, sides))
+        corners = list(corners_of(part, sides))
         self.at = _exactly(np.column_stack([[1.0, *corner] for corner in corners]))
         known = [problem.solutions[corner.tobytes()][rest] for corner in corners]
         self.forces = np.column_stack(known)
@@ -190,7 +203,7 @@ class _Rest:
         """See the other checker; lacks are what is not well above zero."""
         terms = abs(self.free) @ abs(self.at) + abs(self.M) @ self.forces
         lack = self.slack.copy()
-        lack[self.slack > Fraction(TINY) * terms] = Fraction(0)
+        lack[self.slack > Fraction(LACKING) * terms] = Fraction(0)
         residuals = (lack * (self.inverse @ lack)).sum(axis=0)
         residual = root_above(max(residuals, default=Fraction(0)))
         products = self.forces.T @ (self.slack - lack)

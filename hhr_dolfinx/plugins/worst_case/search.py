@@ -30,7 +30,7 @@ from hhr_dolfinx.plugins.worst_case.affine import (
     solution_of,
 )
 from hhr_dolfinx.plugins.worst_case.box_bound import Box, BoxBound, bounded
-from hhr_dolfinx.plugins.worst_case.check import FORMAT, VERSION
+from hhr_dolfinx.plugins.worst_case.certificate import FORMAT, VERSION
 from hhr_dolfinx.timing import now, terminal_lines
 
 if TYPE_CHECKING:

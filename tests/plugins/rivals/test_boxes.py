@@ -64,14 +64,14 @@ def test_an_elastic_bar_has_the_torsion_constant_of_a_square():
 
 def test_boxes_are_exact(rope, boxwise):
     """At random points and corners; the comparison principle makes statuses of the corners those of
-    the box here, so that the full model is never asked.
+    the box here, so that the full model is never before.
     """
     full = rope.full_order
     for point in [*full.parameters.random(50, 3), *full.parameters.grid([9, 9])[::7]]:
         found, exact = boxwise.solve(point), full.solve(point)
         np.testing.assert_allclose(found.displacement(), exact.displacement(), atol=1e-10)
         np.testing.assert_allclose(found.forces(), exact.forces(), atol=1e-9)
-    assert boxwise.asked == 0
+    assert boxwise.fallbacks == 0
     assert boxwise.sizes[1] < len(full.problem.gaps) / 2
 
 
@@ -89,9 +89,9 @@ def test_the_full_model_answers_where_a_box_does_not(rope, boxwise):
     ):
         try:
             boxwise._boxes[place] = dataclasses.replace(box, **change)
-            asked = boxwise.asked
+            before = boxwise.fallbacks
             check_like(boxwise.solve(point), full.solve(point), displacement=1e-10, forces=1e-9)
-            assert boxwise.asked == asked + 1
+            assert boxwise.fallbacks == before + 1
         finally:
             boxwise._boxes[place] = box
 

@@ -172,7 +172,7 @@ def test_the_penalty_is_that_of_springs_in_the_contacts(hertz, hertz_snapshots):
     """
     model = primal.PrimalModel(hertz, *complete(hertz, hertz_snapshots), nitsche=False)
     theta = hertz.problem.amplitudes(np.array([0.3]))
-    soft = hertz.schur + np.diag(hertz.schur.diagonal() / primal.PENALTY)
+    soft = hertz.schur + np.diag(hertz.schur.diagonal() / primal.PENALTY_FACTOR)
     free = hertz.stiffness.columns(hertz.problem.loads) @ theta
     slack = hertz.problem.gaps @ theta - hertz.problem.contact @ free
     root = linalg.cholesky(soft)
@@ -216,7 +216,7 @@ def test_equations_of_a_network_hold_for_exact_answers(hertz, hertz_snapshots):
     training = hhr.train(hertz.scene, [12], held_out=0, comm=MPI.COMM_SELF)
     exact = training.snapshots
     fields, forces = linalg.orth(exact.displacements), linalg.orth(exact.forces)
-    equations = informed.Equations.of(training, fields, forces)
+    equations = informed.ContactEquations.of(training, fields, forces)
     unknown = np.vstack([fields.T @ exact.displacements, forces.T @ exact.forces]).T
     terms = np.eye(hertz.problem.gaps.shape[1])
     theta = np.stack([terms @ hertz.problem.amplitudes(point) for point in exact.points])
@@ -229,7 +229,7 @@ def test_equations_of_a_network_hold_for_exact_answers(hertz, hertz_snapshots):
     points = exact.points / 0.3 - 1
 
     def loss(weights):
-        network = informed.Network.of(weights, sizes)
+        network = informed.Perceptron.of(weights, sizes)
         states = network.passed(points)
         size, along = equations.errors(scale * states[-1], theta)
         return size, network.pulled_back(states, along * scale)

@@ -26,7 +26,7 @@ from hhr_dolfinx.plugins.worst_case.affine import (
     contact_of,
 )
 from hhr_dolfinx.plugins.worst_case.box_bound import Box, bounded
-from hhr_dolfinx.plugins.worst_case.check import FORMAT, VERSION
+from hhr_dolfinx.plugins.worst_case.certificate import FORMAT, VERSION, parts_of
 
 pytestmark = needs("worst_case", "tables")
 
@@ -366,8 +366,8 @@ def test_exact_bounds_of_a_box_are_those_of_doubles(tmp_path):
     """Both checkers bound the same box: to round-off, and roots from above."""
     hhr.worst(matrices(1), "peak", 0.02).save(tmp_path / "proof.npz")
     _, arrays = read_arrays(tmp_path / "proof.npz", FORMAT, VERSION)
-    (part, *_), nothing = check._parts(arrays), np.zeros(len(arrays["free"]), dtype=bool)
-    exact = exact_check._Rest(exact_check._Rational.of(arrays), part, nothing, nothing)
+    (part, *_), nothing = parts_of(arrays), np.zeros(len(arrays["free"]), dtype=bool)
+    exact = exact_check._ExactRest(exact_check._Rational.of(arrays), part, nothing, nothing)
     names = "schur", "free", "slopes", "motions", "driving", "corners", "solutions"
     problem = check._Problem(*(arrays[name] for name in names))
     double = check._Rest(problem, part, nothing, nothing)
