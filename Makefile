@@ -7,7 +7,7 @@ export PYTHONUNBUFFERED = 1
 # set-up leaves compiling to the first import, which must be kept: else each of hundreds of processes compiles again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo flange hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator time-errors greedy indent scene held foreign foreign-codes benchmarks decks patch laws extreme recipes compose thesis rivals figures pictures lint test test-core quick slow slice docs setup mutants doctor without same paths
+.PHONY: demo flange hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator time-errors greedy indent scene held foreign foreign-codes benchmarks decks patch laws extreme recipes compose thesis rivals data-set figures pictures lint test test-core quick slow slice docs setup mutants doctor without same paths
 
 demo: setup
 	.venv/bin/python demos/bolted_joint.py
@@ -130,6 +130,10 @@ thesis: setup
 # models of other authors, regressions and ours on nine scenes, into docs/rivals.md; an hour on an idle core
 rivals: setup
 	.venv/bin/python benchmarks/rivals.py --docs
+
+# a data set of six contact problems that others can enter, and its hidden answers, into out/data_set; a minute or two
+data-set: setup
+	.venv/bin/python benchmarks/data_set.py
 
 # all figures of README into docs/figures.json and README, an hour on an idle core
 figures: setup

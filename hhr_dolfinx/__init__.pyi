@@ -27,6 +27,7 @@ from .outputs import LostContact as LostContact
 from .pairings.node_to_node import NodeToNode as NodeToNode
 from .pairings.obstacle import Obstacle as Obstacle
 from .parameters import ParameterSpace as ParameterSpace
+from .plugins.bench.score import score_submission as score_submission
 from .plugins.constraints.couplings import CoupledForce as CoupledForce
 from .plugins.constraints.couplings import MeanMotion as MeanMotion
 from .plugins.constraints.couplings import RigidMotion as RigidMotion

@@ -270,6 +270,27 @@ def numbers_of(text):
     return found
 
 
+def check_data_set(reports, folder):
+    """All scenes have their files, with sums of each, and hidden answers apart."""
+    sums = json.loads((folder / "data/checksums.json").read_text())
+    scenes = reports["report"]["data_set"]
+    assert len(scenes) == 6
+    for scene in scenes:
+        assert {f"{scene}/{name}.npz" for name in ("problem", "training", "test_points")} <= set(
+            sums
+        )
+        assert (folder / "hidden" / f"{scene}.npz").exists()
+
+
+def check_submissions(reports, folder):
+    """Exact methods have no error; the nearest answer loses to some method on each scene."""
+    scores = reports["report"]["scores"]
+    assert scores["condensed_by_boxes_uncertain_ones"]["membrane"]["forces_worst"] < 1e-9
+    for scene in ("matching", "nonmatching", "membrane"):
+        errors = {name: row[scene]["forces_p95"] for name, row in scores.items() if scene in row}
+        assert len(errors) > 10 and min(errors.values()) < errors["nearest_answer"]
+
+
 def check_rivals(reports, folder):
     """All methods have a row on each scene, and condensation is exact where K is constant."""
     scenes = reports["report"]["rivals"]
@@ -288,6 +309,8 @@ def check_rivals(reports, folder):
 
 CHECKS = {
     "bolt_preload": check_preload,
+    "data_set": check_data_set,
+    "data_set_rivals": check_submissions,
     "demos_foreign": check_foreign,
     "foreign": check_foreign,
     "compose": check_compose,
@@ -312,6 +335,8 @@ OF_PLUGINS = {
     "certified": ("fallback", "moduli", "mortar", "shapes", "theorems", "volume_loads"),
     "compose": ("conformance", "exporters", "friction", "moduli", "pages", "volume_loads"),
     "contact_patch_test": ("mortar",),
+    "data_set": ("friction", "inelastic", "moduli", "mortar", "nonmatching", "shapes"),
+    "data_set_rivals": ("bench", "nonmatching", "rivals", "tables"),
     "contract": (
         "baselines",
         "fallback",

@@ -30,8 +30,8 @@ between nodes.
 BETWEEN = 1.2
 """Factor by which the error may be larger between these."""
 OF_VOLUME = 0.6
-"""Largest κ if K_a is λ tr(ε)^2 and K_b is 2 μ ε:ε of one body: ε:ε is at least a third of
-tr(ε)^2.
+"""Largest κ if K_a and K_b are the forms of tr(ε)^2 and 2 ε:ε of one body, and a and b Lamé's
+constants: ε:ε is at least a third of tr(ε)^2.
 """
 
 

@@ -1,7 +1,8 @@
 """Effectivity from above: the most by which a bound of forces may exceed their error.
 
 For forces λ' >= 0 with the slack s in equilibrium with them |λ' - λ|_S <= |r|_{S^-1}, r = s where a
-force is positive (docs/bounds_proofs.md). If λ' has the statuses of λ, closed conditions A,
+force is positive or s negative (docs/bounds_proofs.md). If λ and λ' are positive on conditions A
+and zero on the others, where s >= 0,
 
     |λ' - λ|_S² = r·S_AA^-1 r,    |r|_{S^-1}² = r·(S^-1)_AA r,
 

@@ -249,7 +249,13 @@ class _Rest:
     def bounds(
         self, constant: np.ndarray, along: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-        """Bounds of all candidates, (K,), and ends of their slopes, (K, P) each."""
+        """Bounds of all candidates, (K,), and ends of their slopes, (K, P) each.
+
+        Args:
+            constant: c of the candidates, (K,).
+            along: b, (K, P).
+            weights: a, (K, m + r).
+        """
         passed = weights[:, self.gone]
         base = np.column_stack([constant, along]) + passed @ self.onto_terms
         w = weights[:, self.rest] + passed @ self.onto_rest
