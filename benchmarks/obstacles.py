@@ -37,7 +37,7 @@ from hhr_dolfinx.models.answer import Answer, ElasticFields, found_as
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
-MOST_STEPS = 60
+MOST_STEPS = 500
 """Most linear problems of an answer of the full order."""
 
 
@@ -201,7 +201,7 @@ class ObstacleModel(AnsweringModel, ElasticFields):
                 deflection[free] = _factors(rows[:, free]).solve(right)
             forces = np.where(active, loads - self._rows @ deflection, 0.0)
             active = np.where(before, forces > 0, deflection > gaps)
-        status = Status.CONVERGED if (before == active).all() else Status.CYCLING
+        status = Status.CONVERGED if (before == active).all() else Status.ITERATION_LIMIT
         return found_as(Statuses(forces, active, count, status, False), point, deflection, self)
 
 

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import linalg
 
-from hhr_dolfinx.contact.active_set import SchurEqualities, Status, Statuses, active_set
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statuses, active_set
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer, ElasticFields, Meshed, found_as
 from hhr_dolfinx.models.model import AnsweringModel
@@ -40,7 +40,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.study.training.train import Training
 
 WRONG_PART = 1e-9
-"""Pull or overlap over the largest force or slack beyond which the full model answers."""
+"""Pull or overlap of a condition over its own terms beyond which the full model answers."""
+MOST_CORNERS = 10_000
+"""Most corners of all boxes, each of which is a full answer."""
 TOUCHED = 1e-12
 """Influence of an uncertain force over the largest one below which a closed condition does not feel
 it.
@@ -71,10 +73,18 @@ class ContactBox:
     watched: np.ndarray  #: slacks of open ones that might close, without these, (o, 1 + T)
     watched_per_force: np.ndarray  #: their change with these, (o, r)
     reach: float  #: size of δ up to which no other open one closes
+    sizes: tuple[np.ndarray, np.ndarray]  #: terms of closed and of watched ones, (c,) and (o,)
+    pairs: Pairs | None  #: contact pairs of the uncertain ones; None without any
 
     @classmethod
     def of(
-        cls, schur: np.ndarray, slack: np.ndarray, statuses: np.ndarray, forces: np.ndarray
+        cls,
+        schur: np.ndarray,
+        slack: np.ndarray,
+        statuses: np.ndarray,
+        forces: np.ndarray,
+        amplitudes: np.ndarray,
+        pairs: np.ndarray,
     ) -> ContactBox:
         """ContactBox of answers at its corners.
 
@@ -83,6 +93,8 @@ class ContactBox:
             slack: slack without forces, (m, 1 + T), and at the corners, (m, 2^P), side by side.
             statuses: statuses at the corners, (m, 2^P) bool.
             forces: forces at the corners, (m, 2^P).
+            amplitudes: of loads and gaps at the corners, (1 + T, 2^P).
+            pairs: contact pair of each condition, (m,).
         """
         corners = forces.shape[1]
         terms = slack.shape[1] - corners
@@ -108,18 +120,28 @@ class ContactBox:
         at = forces[uncertain]
         spread = np.linalg.norm(at[:, :, None] - at[:, None, :], axis=0).max(initial=0.0)
         watched = reaches <= spread
+        held = changed[closed, count:]
+        limits = changed[opened[watched], count:]
+        lifting = lifts[watched]
+        terms_of = np.abs(amplitudes)
+        sizes = tuple(
+            (np.abs(alone) @ terms_of + np.abs(change) @ at).max(axis=1, initial=0.0)
+            for alone, change in ((held, pushes), (limits, lifting))
+        )
         return cls(
             uncertain,
             closed,
             SchurEqualities.symmetric((own + own.T) / 2) if count else None,
             changed[uncertain, count:],
             at,
-            changed[closed, count:],
+            held,
             touched,
             pushes[touched],
-            changed[opened[watched], count:],
-            lifts[watched],
+            limits,
+            lifting,
             float(reaches[~watched].min(initial=np.inf)),
+            (sizes[0], sizes[1]),
+            Pairs(pairs[uncertain]) if count else None,
         )
 
     def solved(self, theta: Theta, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, bool]:
@@ -132,25 +154,24 @@ class ContactBox:
         """
         held = self.held @ theta
         if self.equalities is None:
-            return held, np.zeros(0), 0, not _negative(held)
+            return held, np.zeros(0), 0, not _negative(held, self.sizes[0])
         slack = self.slack @ theta
-        found = active_set(self.equalities, slack, slack < 0)
+        found = active_set(self.equalities, slack, slack < 0, pairs=self.pairs)
         forces = found.forces
         held[self.touched] += self.held_per_force @ forces
         open_slack = self.watched @ theta + self.watched_per_force @ forces
         right = (
             found.status is Status.CONVERGED
-            and not _negative(held)
-            and not _negative(open_slack)
+            and not _negative(held, self.sizes[0])
+            and not _negative(open_slack, self.sizes[1])
             and float(np.linalg.norm(forces - self.corners @ weights)) < self.reach
         )
         return held, forces, found.iterations, right
 
 
-def _negative(values: np.ndarray) -> bool:
-    """True if a value is below zero by more than round-off."""
-    least = float(values.min(initial=0.0))
-    return least < 0 and -least > WRONG_PART * float(np.abs(values).max())
+def _negative(values: np.ndarray, sizes: np.ndarray) -> bool:
+    """True if a value is below zero by more than the round-off of its own terms, (n,) each."""
+    return bool((values < -WRONG_PART * sizes).any())
 
 
 class BoxwiseModel(AnsweringModel):
@@ -178,6 +199,8 @@ class BoxwiseModel(AnsweringModel):
         self._full = full
         count = len(space.names)
         self._sides = max(int(most ** (1 / count) + 1e-9) - 1, 1)
+        if (self._sides + 1) ** count > MOST_CORNERS:
+            raise NotOfferedError(f"boxes of {count} parameters have too many corners")
         self._low = np.array(space.lower)
         self._width = (np.array(space.upper) - self._low) / self._sides
         steps = list(itertools.product((0, 1), repeat=count))
@@ -187,6 +210,7 @@ class BoxwiseModel(AnsweringModel):
         known = {place: full.solve(self._low + np.array(place) * self._width) for place in lines}
         free = problem.contact @ full.stiffness.columns(problem.loads)
         slack = problem.gaps - free
+        ones = np.eye(slack.shape[1])
         self._boxes: dict[tuple[int, ...], ContactBox] = {}
         for place in itertools.product(range(self._sides), repeat=count):
             answers = [known[tuple(np.add(place, step).tolist())] for step in steps]
@@ -196,6 +220,8 @@ class BoxwiseModel(AnsweringModel):
                 np.column_stack([slack, *(slack @ theta for theta in thetas)]),
                 np.column_stack([answer.active for answer in answers]),
                 np.column_stack([answer.forces() for answer in answers]),
+                np.column_stack([ones @ theta for theta in thetas]),
+                problem.contact_pairs,
             )
         self.fields = BackSubstituted(full)
         self.advice: dict[Status, str] = {}

@@ -16,7 +16,7 @@ import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.contact.active_set import Status, Statuses
-from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.errors import NotOfferedError, ReductionError
 from hhr_dolfinx.models.answer import Answer, found_as
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.plugins.rivals.projection import ConeFields, check_elastic
@@ -155,7 +155,13 @@ def _gaussian(points: np.ndarray, values: np.ndarray) -> Predict:
 def _radial(points: np.ndarray, values: np.ndarray) -> Predict:
     from scipy.interpolate import RBFInterpolator
 
-    found: Predict = RBFInterpolator(points, values, kernel="cubic", degree=1)
+    try:
+        found: Predict = RBFInterpolator(points, values, kernel="cubic", degree=1)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise ReductionError(
+            "radial functions with a linear part need training points that differ, more than there "
+            f"are parameters, and not all on a plane: {error}"
+        ) from error
     return found
 
 

@@ -16,6 +16,8 @@ LARGE = 1e100
 """Largest size of numbers, and with its reciprocal of those that are not zero: squares of others
 leave the range of double precision.
 """
+MOST_SIDES = 12
+"""Most parameters along which a box has a length: each doubles its corners."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,18 @@ def _halves(part: Part, one: Part, other: Part, axis: int) -> bool:
     )
     ends = low.lower[axis] == part.lower[axis] and high.upper[axis] == part.upper[axis]
     return bool(same and ends and low.upper[axis] >= high.lower[axis])
+
+
+def sides_of(part: Part) -> np.ndarray:
+    """Parameters along which a box has a length.
+
+    Raises:
+        ValueError: for more than twelve.
+    """
+    sides = np.flatnonzero(part.lower < part.upper)
+    if len(sides) > MOST_SIDES:
+        raise ValueError(f"a box has more than {MOST_SIDES} sides with a length")
+    return sides
 
 
 def corners_of(part: Part, sides: np.ndarray) -> Iterator[np.ndarray]:

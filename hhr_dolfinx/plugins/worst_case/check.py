@@ -21,6 +21,7 @@ from hhr_dolfinx.plugins.worst_case.certificate import (
     check_arrays,
     corners_of,
     parts_of,
+    sides_of,
 )
 
 ROUND_OFF = 1e-9
@@ -39,8 +40,6 @@ TINY = 1e-13
 """Round-off of slopes, and of the slack of closed conditions, relative to their terms: the latter
 counts as lacking, since the root of its product with the force would be much larger.
 """
-MOST_SIDES = 12
-"""Most parameters along which a box has a length: each doubles its corners."""
 ROUNDS = 5
 """Rounds in which sure conditions sharpen the bounds of the others: more than the search makes."""
 
@@ -186,9 +185,7 @@ class _Rest:
         self.M = 0.5 * (self.M + self.M.T)
         self.free = problem.terms[self.rest] + back @ self.onto_terms
         self.inverse = np.linalg.inv(self.M)
-        self.free_sides = np.flatnonzero(part.lower < part.upper)
-        if len(self.free_sides) > MOST_SIDES:
-            raise ValueError(f"a box has more than {MOST_SIDES} sides with a length")
+        self.free_sides = sides_of(part)
         corners = list(corners_of(part, self.free_sides))
         self.at = np.column_stack([np.concatenate([[1.0], corner]) for corner in corners])
         solutions = np.column_stack([problem.solutions[corner.tobytes()] for corner in corners])

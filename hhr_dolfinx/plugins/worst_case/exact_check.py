@@ -25,6 +25,7 @@ from hhr_dolfinx.plugins.worst_case.certificate import (
     check_arrays,
     corners_of,
     parts_of,
+    sides_of,
 )
 
 MOST_EXACT = 40
@@ -190,7 +191,7 @@ class _ExactRest:
         weights = problem.weights[:, gone]
         self.base = problem.constant + weights @ terms
         self.weights = problem.weights[:, rest] + weights @ forces
-        sides = np.flatnonzero(part.lower < part.upper)
+        sides = sides_of(part)
         corners = list(corners_of(part, sides))
         self.at = _exactly(np.column_stack([[1.0, *corner] for corner in corners]))
         known = [problem.solutions[corner.tobytes()][rest] for corner in corners]
@@ -243,10 +244,14 @@ class _ExactRest:
         """Signs of the ends of the slopes of all candidates, (K, P) each."""
         full = -(self.inverse @ self.free[:, 1:])
         squares = (full * (self.M @ full)).sum(axis=0)
-        sizes = np.array([root_above(Fraction(value)) for value in squares], dtype=object)
-        radius = np.outer(self._norms(), sizes) / 2
-        centre = self.base[:, 1:] + (self.weights @ full) / 2
-        return _signs(centre - radius), _signs(centre + radius)
+        norms = ((self.weights @ self.inverse) * self.weights).sum(axis=1)
+        twice = 2 * self.base[:, 1:] + self.weights @ full
+        # of c -+ r with r² = 4 times the product of both squares, without a root
+        inside = _signs(np.outer(norms, squares) - twice * twice)
+        side = _signs(twice)
+        lower = np.where(side > 0, -inside, -np.maximum(np.abs(side), np.maximum(inside, 0)))
+        upper = np.where(side < 0, inside, np.maximum(np.abs(side), np.maximum(inside, 0)))
+        return lower, upper
 
 
 def _signs(values: np.ndarray) -> np.ndarray:

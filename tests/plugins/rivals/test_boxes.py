@@ -11,6 +11,7 @@ from mpi4py import MPI
 from needs import needs
 from scenes import check_like, pressed_block
 from scipy import linalg, optimize
+from scipy.sparse import csc_matrix
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError
@@ -105,6 +106,40 @@ def test_slacks_of_a_box_are_above_what_the_corners_say(rope, boxwise):
         active = np.flatnonzero(full.solve(point).active)
         assert np.isin(active, np.concatenate([box.closed, box.uncertain])).all()
         assert np.isin(box.closed, active).all()
+
+
+@pytest.mark.parametrize("far", [1.0, 1e5, 1e9])
+def test_a_large_gap_elsewhere_hides_no_overlap_and_a_large_force_no_pull(far):
+    """A condition that is open, or closed, at both ends of a box and not between."""
+    space = hhr.ParameterSpace(("t",), (0.0,), (1.0,))
+    for across, gaps, soft, known in (
+        (0.9, [[0.2, -1.0], [1.0, -2.0], [far, 0.0]], 1.0, [0.3, 0.0, 0.0]),
+        (-0.9, [[-0.2, 1.0], [1.0, -2.0], [-1.0, 0.0]], 1 / far, [0.0, 0.0, far]),
+    ):
+        schur = np.eye(3)
+        schur[0, 1] = schur[1, 0] = across
+        schur[2, 2] = soft
+        stiffness = csc_matrix(np.linalg.inv(schur))
+        nothing = np.zeros((3, 2))
+        obstacle = obstacles.Obstacle("o", stiffness, nothing, nothing, np.array(gaps), space)
+        model = BoxwiseModel(obstacles.ObstacleModel(obstacle), 2)
+        answer = model.solve([0.5])
+        np.testing.assert_allclose(answer.forces(), known, rtol=1e-9, atol=1e-12)
+        assert model.fallbacks == 1
+
+
+def test_a_box_of_many_parameters_has_too_many_corners():
+    names = tuple(f"p{k}" for k in range(20))
+    space = hhr.ParameterSpace(names, (0.0,) * 20, (1.0,) * 20)
+    eye, nothing = csc_matrix(np.eye(2)), np.zeros((2, 21))
+    full = obstacles.ObstacleModel(obstacles.Obstacle("o", eye, nothing, nothing, nothing, space))
+    with pytest.raises(NotOfferedError, match="too many corners"):
+        BoxwiseModel(full, 100)
+
+
+def test_fine_ropes_take_more_steps():
+    full = obstacles.ObstacleModel(obstacles.rope(800))
+    assert all(full.solve(point).converged for point in full.parameters.random(5, 1))
 
 
 def test_boxes_of_scenes_with_meshes(hertz):

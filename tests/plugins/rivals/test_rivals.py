@@ -303,6 +303,12 @@ def test_scenes_that_rivals_are_not_for_are_refused_by_name(trained):
         model.solve(trained.snapshots.points[0])
 
 
+@pytest.mark.parametrize("points", [[[0.1, 0.2], [0.2, 0.2], [0.3, 0.2], [0.4, 0.2]], [[0.1, 0.2]]])
+def test_points_on_a_line_are_no_training_of_radial_functions(points):
+    with pytest.raises(ReductionError, match="not all on a plane"):
+        regression._radial(np.array(points), np.ones((len(points), 2)))
+
+
 def test_names_of_rivals():
     assert list(rivals_of([])(None)) == []
     with pytest.raises(StudyError, match=r"rivals nobody are unknown: all, or of galerkin, nnmf"):

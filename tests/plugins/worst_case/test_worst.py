@@ -443,6 +443,10 @@ def test_a_box_with_too_many_corners_is_no_proof(tmp_path):
     }
     with pytest.raises(FileContentError, match="more than 12 sides"):
         hhr.check_certificate(between_walls(tmp_path, **sizes))
+    held = {"motions": np.zeros((2, 0)), "driving": np.zeros((0, 1 + count))}
+    held |= {"weights": np.ones((1, 2)), "solutions": np.zeros((2, 2))}
+    with pytest.raises(FileContentError, match="more than 12 sides"):
+        hhr.check_certificate(between_walls(tmp_path, **(sizes | held)), exact=True)
 
 
 def simple(compliance, gaps, outputs=None):
@@ -475,6 +479,7 @@ def test_slopes_that_end_at_zero_are_proven_again(compliance, tmp_path):
     for proof in (found, highest):
         proof.save(tmp_path / "proof.npz")
         assert "proven again" in hhr.check_certificate(tmp_path / "proof.npz")
+        assert "rational" in hhr.check_certificate(tmp_path / "proof.npz", exact=True)
 
 
 def test_units_of_conditions_may_differ(tmp_path):
