@@ -59,11 +59,13 @@ def turned_node(block):
 
 
 def hidden_support(block):
-    """The node next to the loaded one is held, and left out of K."""
+    """The free node next to the loaded one is held, and left out of K; of equal ones the first."""
     loaded = int(np.flatnonzero(block.nodes.labels == next(iter(block.case.forces)))[0])
-    label = block.nodes.labels[
-        np.linalg.norm(block.nodes.points - block.nodes.points[loaded], axis=1).argsort()[1]
-    ]
+    away = np.linalg.norm(block.nodes.points - block.nodes.points[loaded], axis=1)
+    held = np.isin(block.nodes.labels, [label for label, _ in block.case.held])
+    away[held] = np.inf
+    away[loaded] = np.inf
+    label = block.nodes.labels[np.flatnonzero(away <= (1 + 1e-9) * away.min())[0]]
     return without(block, np.flatnonzero(block.stiffness.nodes == label))
 
 

@@ -268,7 +268,11 @@ class ForeignDiscretisation(Discretisation):
         energies = columns @ (stiffness @ columns.T)
         sizes = np.abs(columns) @ (abs(stiffness) @ np.abs(columns).T)
         values, rotated = np.linalg.eigh((energies + energies.T) / 2)
-        return rotated[:, np.abs(values) <= DIGITS * sizes.max(initial=0.0)].T @ ways
+        idle = rotated[:, np.abs(values) <= DIGITS * sizes.max(initial=0.0)].T
+        # a K of few directions, such as a membrane's, has no dof along some motions
+        turns, lengths, _ = np.linalg.svd(idle @ columns, full_matrices=False)
+        moving = lengths > DIGITS * np.linalg.norm(body.motions)
+        return turns[:, moving].T @ idle @ ways
 
     def load_terms(self) -> list[Term]:
         """Terms of all loads."""

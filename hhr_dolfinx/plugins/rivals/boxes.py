@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 WRONG_PART = 1e-9
 """Pull or overlap of a condition over its own terms beyond which the full model answers."""
-MOST_CORNERS = 10_000
+MOST_FULL_ANSWERS = 10_000
 """Most corners of all boxes, each of which is a full answer."""
 TOUCHED = 1e-12
 """Influence of an uncertain force over the largest one below which a closed condition does not feel
@@ -199,7 +199,7 @@ class BoxwiseModel(AnsweringModel):
         self._full = full
         count = len(space.names)
         self._sides = max(int(most ** (1 / count) + 1e-9) - 1, 1)
-        if (self._sides + 1) ** count > MOST_CORNERS:
+        if (self._sides + 1) ** count > MOST_FULL_ANSWERS:
             raise NotOfferedError(f"boxes of {count} parameters have too many corners")
         self._low = np.array(space.lower)
         self._width = (np.array(space.upper) - self._low) / self._sides

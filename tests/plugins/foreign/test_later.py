@@ -7,6 +7,8 @@ import pytest
 from foreign_formats import FLANK, FLOOR, TOP, foreign_scene, own_block, own_scene
 from foreign_lies import BY_CASE, matrix_of
 from needs import needs
+from scipy.optimize import nnls
+from scipy.sparse import csr_matrix
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotSolvableError, SceneError
@@ -135,3 +137,53 @@ def test_a_check_of_a_scene_compares_too(own, own_factors):
     found = check_scene(foreign_scene(lie))
     assert any("differ from those by its K" in str(mistake) for mistake in found.mistakes)
     assert own_factors == ["part"]
+
+
+@pytest.mark.parametrize("edges", [False, True])
+def test_a_stiffness_of_one_direction_is_a_membrane(edges):
+    """K of deflections alone, its clamped edges left out or there: no motion in its plane moves a
+    dof, and none is free.
+    """
+    cells, share = 6, 1 / 36
+    count = cells + 1
+    steps = np.diff(np.eye(count), axis=0)
+    along, beside = steps.T @ steps, np.diag([0.5, *np.ones(cells - 1), 0.5])
+    stiffness = np.kron(beside, along) + np.kron(along, beside)
+    line = np.linspace(0, 1, count)
+    x, y = (side.ravel() for side in np.meshgrid(line, line, indexing="ij"))
+    inside = (np.minimum(x, y) > 0) & (np.maximum(x, y) < 1)
+    labels = np.arange(1, count**2 + 1)
+    own = stiffness[np.ix_(inside, inside)]
+    deflection = np.linalg.solve(own, np.full(inside.sum(), share))
+    there = np.ones_like(inside) if edges else inside
+    kept = labels[there]
+    matrix = csr_matrix(stiffness[np.ix_(there, there)])
+    block = hhr.ForeignBlock(
+        hhr.ForeignMatrix(matrix, kept, np.full(len(kept), 3), "membrane"),
+        hhr.ForeignNodes(
+            kept,
+            np.column_stack([x, y, 0 * x])[there],
+            sets={"INSIDE": np.flatnonzero(inside[there]), "EDGE": np.flatnonzero(~inside[there])},
+        ),
+        case=hhr.SolvedCase(
+            {int(label): (0.0, 0.0, share) for label in labels[inside]},
+            {int(labels[inside][3]): (np.nan, np.nan, deflection[3])},
+            frozenset((int(label), 3) for label in kept[~inside[there]]),
+        ),
+    )
+    scene = hhr.ForeignStiffness(block).scene(
+        "membrane",
+        contacts=(hhr.NodesToGround("INSIDE", normal=(0.0, 0.0, 1.0), gap=0.004),),
+        displacements=(hhr.Displacement("EDGE", 2),) if edges else (),
+        loads=(hhr.ForeignLoad({(int(k), 3): share for k in labels[inside]}, "load"),),
+        parameters=hhr.ParameterSpace(("load",), (0.01,), (0.2,)),
+    )
+    full = hhr.FullOrderModel(scene)
+    assert full.problem.kernel is None
+    for load in (0.02, 0.2):
+        answer = full.solve(load)
+        slack = 0.004 - load * deflection
+        root = np.linalg.cholesky(np.linalg.inv(own))
+        exact, _ = nnls(root.T, np.linalg.solve(root, -slack))
+        np.testing.assert_allclose(answer.forces(), exact, atol=1e-10)
+    assert answer.forces().max() > 0
