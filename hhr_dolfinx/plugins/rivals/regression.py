@@ -146,7 +146,11 @@ def _gaussian(points: np.ndarray, values: np.ndarray) -> Predict:
         from sklearn.gaussian_process import GaussianProcessRegressor
         from sklearn.gaussian_process.kernels import Matern, WhiteKernel
 
-    kernel = Matern(np.ones(points.shape[1]), (1e-2, 1e2), nu=2.5) + WhiteKernel(1e-8, (1e-12, 1.0))
+    count, parameters = points.shape
+    # a length below the distance of training points forgets them between: a poor optimum
+    shortest = 2 / count ** (1 / parameters)
+    lengths = Matern(np.ones(parameters), (shortest, 1e2), nu=2.5)
+    kernel = lengths + WhiteKernel(1e-4, (1e-10, 1e-1))
     process = GaussianProcessRegressor(kernel, n_restarts_optimizer=0, random_state=0)
     predict: Predict = process.fit(points, values).predict
     return predict
