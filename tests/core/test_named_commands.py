@@ -154,6 +154,9 @@ ELSEWHERE = {
         "tests/core/test_scripts.py::check_pellet"
     ),
     "hhr page out/pellet_cladding/condensed.npz": "tests/core/test_scripts.py::check_pellet",
+    "hhr bench score mine.npz --answers out/data_set/hidden": (
+        "tests/plugins/bench/test_score.py::test_the_command_prints_and_writes_scores"
+    ),
 }
 """Commands that wait for another program, or take long at full size, and the tests that run them or
 what they call.
