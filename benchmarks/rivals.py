@@ -85,7 +85,7 @@ def cases(quick: bool) -> dict[str, Case]:
         "sphere": Case(_of(sphere_on_block.scene(), sphere_on_block.TRAINING)),
         "six parameters": Case(_of(*materials), pellet_materials.RECIPE),
         "rope": Case(_obstacle(obstacles.rope, quick)),
-        "membrane": Case(_obstacle(obstacles.membrane, quick, 25), tests=40),
+        "membrane": Case(_obstacle(obstacles.membrane, quick), tests=40),
         "torsion": Case(_obstacle(obstacles.torsion, quick), tests=40),
     }
     if quick:
@@ -93,11 +93,9 @@ def cases(quick: bool) -> dict[str, Case]:
     return {name: case._replace(tests=min(case.tests, count)) for name, case in found.items()}
 
 
-def _obstacle(
-    made: Callable[..., obstacles.Obstacle], quick: bool, along: int = 17
-) -> Callable[[Any], Any]:
-    """Training of a scene of other authors on a grid, with so many points along each parameter."""
-    size, counts = ((9,), [5, 5]) if quick else ((), [along, along])
+def _obstacle(made: Callable[..., obstacles.Obstacle], quick: bool) -> Callable[[Any], Any]:
+    """Training of a scene of other authors on a grid."""
+    size, counts = ((9,), [5, 5]) if quick else ((), [17, 17])
     return lambda progress: obstacles.ObstacleTraining(made(*size), counts, progress)
 
 
