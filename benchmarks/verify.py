@@ -350,7 +350,14 @@ def _disagreement(
     """Difference of two solvers and of two starts, and what the first leaves of the contact
     conditions.
     """
-    problem, ours, theirs = full.problem.at(point), full.solve(point), naive.solve(point)
+    problem, ours = full.problem.at(point), full.solve(point)
+    try:
+        theirs = naive.solve(point)
+    except errors.HHRError:
+        if ours.undetermined is None:
+            raise
+        # its matrix is singular along the motion, which round-off hides on some processors
+        theirs = full.solve(point, start=~ours.active)
     closed = full.solve(point, start=np.ones(len(problem.contact_pairs), dtype=bool)).forces()
     displacement, forces, expected = ours.displacement(), ours.forces(), theirs.forces()
     other = theirs.displacement()
