@@ -85,7 +85,7 @@ def warn_beyond_edge(slave: Surface, master: Surface, lost: np.ndarray, advice: 
         warn(
             f"{int(lost.sum())} of {lost.size} nodes of slave surface {slave.tag} lie beyond the "
             f"edge of master surface {master.tag} and get no contact condition, e.g. at "
-            f"{slave.points[lost][0].tolist()}{advice}"
+            f"{np.round(slave.points[lost][0], 9).tolist()}{advice}"
         )
 
 

@@ -22,7 +22,9 @@ from scenes import pressed_block, pressed_pair
 import hhr_dolfinx as hhr
 from hhr_dolfinx.command.main import hhr as command
 from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.files import write_arrays
 from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.plugins.bench.score import ANSWERS_FORMAT, ANSWERS_VERSION
 
 COMM = MPI.COMM_WORLD
 PLAIN = """
@@ -291,6 +293,7 @@ FUNCTIONS = {
     "condense_heat": heated,
     "with_surface_fields": lambda work: work.solved(hhr.with_surface_fields(work.model)),
     "worst": lambda work: [hhr.worst(work.model, "force").proven],
+    "score_submission": lambda work: list(hhr.score_submission(*submitted(work))["block"].values()),
 }
 """Functions of the package by name."""
 CALLED = {
@@ -397,8 +400,28 @@ def certified(work):
     return told(invoked("certificate", proof))
 
 
+def submitted(work):
+    """A submission to a data set and hidden answers, written by the first rank."""
+    answers, file = work.folder / "hidden", work.folder / "mine.npz"
+    if COMM.rank == 0:
+        answers.mkdir(exist_ok=True)
+        header = {"format": ANSWERS_FORMAT, "version": ANSWERS_VERSION}
+        exact = {"forces": np.array([[3.0, 4.0]]), "floor": np.array(0.1)}
+        write_arrays(answers / "block.npz", header, exact)
+        np.savez(file, **{"block/forces": np.array([[3.0, 4.5]])})
+    COMM.barrier()
+    return file, answers
+
+
+def scored(work):
+    """The words of the command."""
+    file, answers = submitted(work)
+    return told(invoked("bench", "score", file, "--answers", answers))
+
+
 COMMANDS = {
     "answer": answered,
+    "bench score": scored,
     "certificate": certified,
     "check": lambda work: [
         len(invoked("check", work.scene, "--picture", work.folder / "check.png")) > 0
