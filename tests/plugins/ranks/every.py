@@ -24,7 +24,6 @@ from hhr_dolfinx.command.main import hhr as command
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.files import write_arrays
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.plugins.bench.score import ANSWERS_FORMAT, ANSWERS_VERSION
 
 COMM = MPI.COMM_WORLD
 PLAIN = """
@@ -402,6 +401,8 @@ def certified(work):
 
 def submitted(work):
     """A submission to a data set and hidden answers, written by the first rank."""
+    from hhr_dolfinx.plugins.bench.score import ANSWERS_FORMAT, ANSWERS_VERSION
+
     answers, file = work.folder / "hidden", work.folder / "mine.npz"
     if COMM.rank == 0:
         answers.mkdir(exist_ok=True)
