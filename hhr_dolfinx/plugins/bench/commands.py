@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from math import isfinite
 from pathlib import Path
 
 from hhr_dolfinx.command.console import Table
@@ -48,4 +49,8 @@ def score(submission: Path, answers: Path, out: Path | None) -> None:
         table.add_row(scene, *(f"{row[name]:.3g}" if name in row else "" for name in names))
     console.print(table)
     if out is not None:
-        out.write_text(json.dumps(scores, indent=1) + "\n", encoding="utf-8")
+        finite = {  # JSON has no infinity, the error without an answer
+            scene: {name: value if isfinite(value) else None for name, value in row.items()}
+            for scene, row in scores.items()
+        }
+        out.write_text(json.dumps(finite, indent=1) + "\n", encoding="utf-8")

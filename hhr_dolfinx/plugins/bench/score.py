@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -98,7 +99,7 @@ def _read_submission(path: Path, scenes: set[str]) -> dict[str, dict[str, np.nda
             arrays = {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise FileError(f"there is no file {path}") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
         raise FileContentError(f"{path} is no .npz of arrays: {error}") from error
     found: dict[str, dict[str, np.ndarray]] = {}
     for name, array in arrays.items():
@@ -148,15 +149,16 @@ def _score(given: Mapping[str, np.ndarray], hidden: HiddenAnswers, scene: str) -
             score["effectivity"] = float(np.median(bound[compared] / whole[compared]))
     for name in ("offline_hours", "online_us"):
         if name in given:
-            score[name] = float(given[name])
+            if given[name].size != 1:
+                raise FileContentError(f"'{scene}/{name}' has {given[name].size} numbers, not one")
+            score[name] = float(given[name].item())
     return score
 
 
 def _overlap(forces: np.ndarray, hidden: HiddenAnswers, slack: np.ndarray) -> float:
     """95th percentile of the deepest overlap, over the deepest one of the scene without forces."""
-    assert hidden.stiffness is not None and hidden.contact is not None
+    assert hidden.stiffness is not None and hidden.contact is not None and hidden.slack is not None
     change = splu(hidden.stiffness).solve(hidden.contact.T @ forces.T)
     left = slack + (hidden.contact @ change).T
     deepest = np.maximum(-left.min(axis=1), 0.0)
-    assert hidden.slack is not None
     return float(np.percentile(deepest, 95, method="higher") / max(-hidden.slack.min(), 1e-300))

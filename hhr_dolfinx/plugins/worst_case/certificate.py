@@ -16,6 +16,14 @@ LARGE = 1e100
 """Largest size of numbers, and with its reciprocal of those that are not zero: squares of others
 leave the range of double precision.
 """
+ROUND_OFF = 1e-9
+"""Relative difference of two bounds that counts as round-off of different ways to compute them."""
+TINY = 1e-13
+"""Round-off of slopes, and of the slack of closed conditions, relative to their terms: the latter
+counts as lacking, since the root of its product with the force would be much larger.
+"""
+ROUNDS = 5
+"""Rounds in which sure conditions sharpen the bounds of the others: more than the search makes."""
 MOST_SIDES = 12
 """Most parameters along which a box has a length: each doubles its corners."""
 
@@ -79,11 +87,11 @@ def check_arrays(arrays: dict[str, np.ndarray]) -> None:
             raise ValueError(f"{name}: a size below {1 / LARGE:g} that is not zero")
 
 
-def parts_of(arrays: dict[str, np.ndarray]) -> Iterator[Part]:
-    """The boxes of a file.
+def parts_of(arrays: dict[str, np.ndarray]) -> list[Part]:
+    """The boxes of a file, the whole one first.
 
     Raises:
-        ValueError: for a part of a later box.
+        ValueError: for a part of a later box, and a first box that is not all of it.
     """
     children: dict[int, list[int]] = {}
     for number, parent in enumerate(arrays["parents"].tolist()):
@@ -91,8 +99,14 @@ def parts_of(arrays: dict[str, np.ndarray]) -> Iterator[Part]:
             raise ValueError(f"box {number} is a part of a later one")
         children.setdefault(parent, []).append(number)
     columns = (arrays[name] for name in ("lower", "upper", "chosen"))
-    for number, (lower, upper, chosen) in enumerate(zip(*columns, strict=True)):
-        yield Part(lower, upper, chosen, tuple(children.get(number, ())))
+    parts = [
+        Part(lower, upper, chosen, tuple(children.get(number, ())))
+        for number, (lower, upper, chosen) in enumerate(zip(*columns, strict=True))
+    ]
+    root = parts[0]
+    if root.lower.any() or (root.upper != 1).any() or not root.chosen.all():
+        raise ValueError("the first box is not the whole one with all candidates")
+    return parts
 
 
 def answered(

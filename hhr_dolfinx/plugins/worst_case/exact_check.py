@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from math import inf, isqrt, nextafter
 from pathlib import Path
 
@@ -19,6 +20,9 @@ from hhr_dolfinx.files import read_arrays
 from hhr_dolfinx.plugins.worst_case.certificate import (
     FORMAT,
     LARGE,
+    ROUND_OFF,
+    ROUNDS,
+    TINY,
     VERSION,
     Part,
     answered,
@@ -31,14 +35,6 @@ from hhr_dolfinx.plugins.worst_case.certificate import (
 MOST_EXACT = 40
 """Most conditions of a certificate that is proven in rational numbers: these grow with the cube of
 their number, and their digits with it too.
-"""
-FORGIVEN = 1e-9
-"""Part of the value of a file that is added to it: what the checker of doubles forgives."""
-EXACT_ROUNDS = 5
-"""Rounds in which sure conditions sharpen the bounds of the others."""
-LACKING = 1e-13
-"""Slack over its terms up to which it counts as lacking: the root of its product with a force would
-be larger.
 """
 ROOT_BITS = 160
 """Bits of a square root."""
@@ -62,7 +58,7 @@ def check_exactly(path: str | Path) -> str:
     header, arrays = read_arrays(path, FORMAT, VERSION)
     try:
         check_arrays(arrays)
-        parts = list(parts_of(arrays))
+        parts = parts_of(arrays)
         conditions, motions = arrays["motions"].shape
         if motions or conditions > MOST_EXACT:
             raise NotOfferedError(
@@ -70,7 +66,7 @@ def check_exactly(path: str | Path) -> str:
                 "bodies that displacements hold, are proven in rational numbers"
             )
         limit = Fraction(float(arrays["proven"]))
-        limit += Fraction(FORGIVEN) * abs(limit)
+        limit += Fraction(ROUND_OFF) * abs(limit)
         _walk(_Rational.of(arrays), parts, limit)
     except (KeyError, IndexError, ValueError, ZeroDivisionError) as error:
         raise FileContentError(f"the certificate {path} is no proof: {error}") from error
@@ -143,17 +139,14 @@ def root_above(value: Fraction) -> Fraction:
 
 def _walk(problem: _Rational, parts: list[Part], limit: Fraction) -> None:
     """Raise ValueError unless the boxes prove that no candidate exceeds a value."""
-    root = parts[0]
-    if root.lower.any() or (root.upper != 1).any() or not root.chosen.all():
-        raise ValueError("the first box is not the whole one with all candidates")
     nothing = np.zeros(len(problem.schur), dtype=bool)
-    beyond = np.full(len(root.chosen), Fraction(LARGE) ** 3, dtype=object)
+    beyond = np.full(len(parts[0].chosen), Fraction(LARGE) ** 3, dtype=object)
     left = [(0, nothing, nothing, beyond)]
     while left:
         number, closed, opened, known = left.pop()
         part = parts[number]
         rest = _ExactRest(problem, part, closed, opened)
-        for _ in range(EXACT_ROUNDS):
+        for _ in range(ROUNDS):
             more_closed, more_open = rest.sure()
             if not (more_closed.any() or more_open.any()):
                 break
@@ -204,7 +197,7 @@ class _ExactRest:
         """See the other checker; lacks are what is not well above zero."""
         terms = abs(self.free) @ abs(self.at) + abs(self.M) @ self.forces
         lack = self.slack.copy()
-        lack[self.slack > Fraction(LACKING) * terms] = Fraction(0)
+        lack[self.slack > Fraction(TINY) * terms] = Fraction(0)
         residuals = (lack * (self.inverse @ lack)).sum(axis=0)
         residual = root_above(max(residuals, default=Fraction(0)))
         products = self.forces.T @ (self.slack - lack)
@@ -231,23 +224,24 @@ class _ExactRest:
             found[:, condition] = closes and not opens, opens and not closes
         return found[0], found[1]
 
-    def _norms(self) -> np.ndarray:
-        squares = ((self.weights @ self.inverse) * self.weights).sum(axis=1)
-        return np.array([root_above(Fraction(value)) for value in squares], dtype=object)
+    @cached_property
+    def _squares(self) -> np.ndarray:
+        """Squares of the norms of the weights, in that of M^-1, (K,)."""
+        return np.asarray(((self.weights @ self.inverse) * self.weights).sum(axis=1))
 
     def upper(self) -> np.ndarray:
         """Bounds of all candidates, (K,)."""
         values = (self.base @ self.at + self.weights @ self.forces).max(axis=1)
-        return np.asarray(values + self._norms() * self.far)
+        norms = np.array([root_above(Fraction(value)) for value in self._squares], dtype=object)
+        return np.asarray(values + norms * self.far)
 
     def slopes(self) -> tuple[np.ndarray, np.ndarray]:
         """Signs of the ends of the slopes of all candidates, (K, P) each."""
         full = -(self.inverse @ self.free[:, 1:])
         squares = (full * (self.M @ full)).sum(axis=0)
-        norms = ((self.weights @ self.inverse) * self.weights).sum(axis=1)
         twice = 2 * self.base[:, 1:] + self.weights @ full
         # of c -+ r with r² = 4 times the product of both squares, without a root
-        inside = _signs(np.outer(norms, squares) - twice * twice)
+        inside = _signs(np.outer(self._squares, squares) - twice * twice)
         side = _signs(twice)
         lower = np.where(side > 0, -inside, -np.maximum(np.abs(side), np.maximum(inside, 0)))
         upper = np.where(side < 0, inside, np.maximum(np.abs(side), np.maximum(inside, 0)))

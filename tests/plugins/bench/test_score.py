@@ -92,6 +92,7 @@ def test_what_is_no_submission_is_refused_by_name(tmp_path):
         ({"forces": FORCES, "bound": np.ones(2)}, r"not \(3,\)"),
         ({"forces": FORCES, "peak": np.ones(3)}, "'block/peak': names are SCENE/NAME"),
         ({"forces": np.array([["a"]])}, "not numbers"),
+        ({"forces": FORCES, "online_us": np.ones(3)}, "has 3 numbers, not one"),
         ({"forces": np.array([None, {}], dtype=object)}, r"is no \.npz|pickle"),
     ):
         with pytest.raises(FileContentError, match=said):
@@ -99,6 +100,11 @@ def test_what_is_no_submission_is_refused_by_name(tmp_path):
     (tmp_path / "text.npz").write_text("forces")
     with pytest.raises(FileContentError, match=r"is no \.npz"):
         hhr.score_submission(tmp_path / "text.npz", answers)
+    whole = submitted(tmp_path / "whole.npz", forces=FORCES).read_bytes()
+    for damaged in (b"", whole[:200], whole[:-30]):
+        (tmp_path / "damaged.npz").write_bytes(damaged)
+        with pytest.raises(FileContentError, match=r"is no \.npz"):
+            hhr.score_submission(tmp_path / "damaged.npz", answers)
     with pytest.raises(FileError, match="there is no file"):
         hhr.score_submission(tmp_path / "missing.npz", answers)
     with pytest.raises(FileError, match="no hidden answers"):
@@ -113,6 +119,10 @@ def test_the_command_prints_and_writes_scores(tmp_path):
     assert done.exit_code == 0, done.output
     assert "forces p95" in done.output and "block" in done.output
     assert json.loads((tmp_path / "score.json").read_text())["block"]["forces_worst"] == 0
+    submitted(file, forces=np.nan * FORCES)
+    CliRunner().invoke(command, [*words, "--out", str(tmp_path / "score.json")])
+    text = (tmp_path / "score.json").read_text()
+    assert json.loads(text)["block"]["forces_worst"] is None and "Infinity" not in text
     wrong = CliRunner().invoke(command, [*words[:2], str(tmp_path / "no.npz"), *words[3:]])
     assert wrong.exit_code and "there is no file" in wrong.output
 
