@@ -24,6 +24,8 @@ from scipy import linalg
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.linear.dense import GrowingColumns
 
+SAME_WORTH = 1e-9
+"""Relative difference up to which two points reduce the misfit alike."""
 LISTED = 1000
 """Approximate number of candidates on the short list: a block of so many columns fits into the
 cache.
@@ -392,7 +394,9 @@ class _Search:
         """
         while True:
             along = listed.along(self.factor.misfit(), self.tried.union(self.factor.points))
-            best = int(along.argmax())
+            # of points that are alike the first: round-off, which processors change, chooses none
+            alike = np.flatnonzero(along >= (1 - SAME_WORTH) * along.max())
+            best = int(alike[listed.points[alike].argmin()]) if alike.size else 0
             if not along[best] > worth:
                 return False
             if self._brought_in(int(listed.points[best]), listed.columns[:, best]):

@@ -136,8 +136,7 @@ def test_a_page_in_chromium_computes_what_python_does(kind, browser, tmp_path, m
     pairs = answers_of(model, told["runs"], tolerance)
     assert any(np.any(answer.multipliers) for _, answer in pairs)
     for name, found, known in values_of(pairs, told["names"]):
-        # steps of both end within the tolerance, each on its own side
-        most = 4 * tolerance * (np.abs(known).max(initial=0.0) or 1.0)
+        most = tolerance * (np.abs(known).max(initial=0.0) or 1.0)
         np.testing.assert_allclose(found, known, rtol=0, atol=most, err_msg=name)
     shown = {row[0]: row[1] for row in told["numbers"] if len(row) > 1}
     for name, value in zip(told["names"], pairs[-1][0]["outputs"], strict=True):
