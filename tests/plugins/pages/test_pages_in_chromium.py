@@ -90,7 +90,7 @@ def answers_of(model, runs, tolerance):
             continue
         times = [one.get("time", float(k)) for k, one in enumerate(found)]
         path = [(time, np.array(one["point"])) for time, one in zip(times, found, strict=True)]
-        near = {"relative_force": tolerance / 10, "iterations": 200}
+        near = {"relative_force": tolerance / 100, "iterations": 200}
         near = near if model.equilibrium is not None else {}
         history = model.march(path, hhr.MarchSettings(outside="ignore", **near))
         assert history.cuts == 0
