@@ -74,6 +74,8 @@ from .plugins.friction.outputs import StickArea as StickArea
 from .plugins.friction.outputs import Torque as Torque
 from .plugins.friction.pair_laws import Coulomb as Coulomb
 from .plugins.friction.pair_laws import Tresca as Tresca
+from .plugins.gaskets.outputs import LargestClosure as LargestClosure
+from .plugins.gaskets.pair_laws import GasketLayer as GasketLayer
 from .plugins.greedy.greedy import Greedy as Greedy
 from .plugins.greedy.indicators import Eta as Eta
 from .plugins.greedy.indicators import Eta2 as Eta2

@@ -48,6 +48,7 @@ NAMES = {
     "Scene": (),
     "Shape": ("shapes",),
     "Sobol": (),
+    "GasketLayer": ("gaskets",),
     "SoftContact": ("soft_contact",),
     "Springs": ("nodal_loads", "elasticity"),
     "StressAt": ("stress",),

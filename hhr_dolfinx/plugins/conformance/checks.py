@@ -165,9 +165,13 @@ FAILED_CHECKS = {
     "carried": (
         "`carried` is not the derivative of the next `shift`, which differences give: off by {:.2g}"
     ),
+    "shifted": (
+        "`carried` and `shifted` are not the derivatives of the next `off` along the memory, which "
+        "differences give: off by {:.2g}"
+    ),
     "beyond": (
         "its projection depends on its memory by more than `shift`, which gradients of histories "
-        "leave out: raise NotOfferedError in `carried`, or state the law by the slack alone"
+        "leave out: state it by `shifted`, or raise NotOfferedError in `carried`"
     ),
     "memory": (
         "`stored`, `restored` and `layout` do not keep its memory: name each array in all of them"
@@ -794,9 +798,9 @@ def _check_derivatives(
 
 def _check_carried(solver: RangeSolver, point: np.ndarray, step: RangeStep, at: Iterate) -> None:
     """The next shift changes with forces and slacks as ``carried`` says, and the memory acts by its
-    shift alone.
+    shift alone; or by more, as ``shifted`` says.
     """
-    forces, slack, _ = at
+    forces, slack, stiffness = at
     active = step.linearised(*at, 1).active
     random = np.random.default_rng(4)
     ways = [
@@ -804,22 +808,32 @@ def _check_carried(solver: RangeSolver, point: np.ndarray, step: RangeStep, at: 
         for value in (forces, slack)
     ]
 
-    def shift(sign: float) -> np.ndarray:
+    def following(sign: float) -> RangeStep:
         memory = step.after(forces + sign * ways[0][:, 0], slack + sign * ways[1][:, 0], active)
-        return solver.step(memory, point, 0.7).shift
+        return solver.step(memory, point, 0.7)
 
     try:
-        carried = step.carried(np.zeros((forces.size, 1)), ways[0], ways[1], active)[:, 0]
+        carried = step.carried(np.zeros((forces.size, 1)), ways[0], ways[1], active)
     except NotOfferedError:  # gradients of its histories are refused
         return
+    ones = np.ones((forces.size, 1))
+    if not np.array_equal(step.shifted(ones), ones):
+        half = forces, 0.5 * slack, stiffness
+        after = following(0.0)
+        linear = after.linearised(*half, 1)
+        found = linear.of_slack(after.shifted(carried))[:, 0]
+        ends = [following(sign).linearised(*half, 1).off for sign in (1.0, -1.0)]
+        expected = 0.5 * (ends[0] - ends[1])
+        error = float(np.abs(found - expected).max() / (np.abs(expected).max() or 1.0))
+        return _require(error <= OF_FUNCTIONS, "shifted", error)
     at_rest = solver.step(solver.at_rest(), point, 0.7)
     _require(
         _near(step.linearised(*at, 1).off, at_rest.linearised(*at, 1).off, TESTED_ROUND_OFF),
         "beyond",
     )
     step.linearised(*at, 1)
-    expected = 0.5 * (shift(1.0) - shift(-1.0))
-    error = float(np.abs(carried - expected).max() / (np.abs(expected).max() or 1.0))
+    expected = 0.5 * (following(1.0).shift - following(-1.0).shift)
+    error = float(np.abs(carried[:, 0] - expected).max() / (np.abs(expected).max() or 1.0))
     _require(error <= OF_FUNCTIONS, "carried", error)
 
 

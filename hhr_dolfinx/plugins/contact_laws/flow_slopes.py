@@ -77,8 +77,10 @@ class RangeSlopes:
                 slack[rows] += step.shift
             residual, gaps = right
             free = columnwise(linear.solve, residual)
-            of_slack = linear.slack_of(gaps, free) + self._changes
+            of_slack = linear.slack_of(gaps, free)
             linearisations = ranges.linearised(slack, steps, forces, ranges.stiffness, 1)
+            for rows, step in zip(laws.rows, steps, strict=True):
+                of_slack[rows] += step.shifted(self._changes[rows])
             off = np.zeros((forces.size + ranges.motions.shape[1], of_slack.shape[1]))
             kinks = np.zeros(forces.size, dtype=bool)
             for rows, step, linearised in zip(laws.rows, steps, linearisations, strict=True):

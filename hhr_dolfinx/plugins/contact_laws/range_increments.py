@@ -256,8 +256,9 @@ class RangesIncrements:
         of_slack, of_unknown = (
             change * target.weights for change in contact.at_fixed_forces(found.forces, unknown)
         )
-        of_slack = of_slack + before.changes
         linearisations = ranges.linearised(found.slack, steps, found.forces, ranges.stiffness, 1)
+        for rows, step in zip(self.laws.rows, steps, strict=True):
+            of_slack[rows] += step.shifted(before.changes[rows])
         m = len(of_slack)
         right = np.zeros((m + found.motions.size, of_slack.shape[1]))
         kinks = np.zeros(m, dtype=bool)

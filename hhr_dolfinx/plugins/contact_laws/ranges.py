@@ -127,10 +127,20 @@ class RangeStep:
         """
         return 0.0
 
+    def shifted(self, before: np.ndarray) -> np.ndarray:
+        """Derivatives of the slacks by those of the memory, (k, P): of a shift, the same.
+
+        It is called after ``linearised``, at the solution.
+
+        Args:
+            before: derivatives of the memory, (k, P).
+        """
+        return before
+
     def carried(
         self, before: np.ndarray, forces: np.ndarray, slack: np.ndarray, active: np.ndarray
     ) -> np.ndarray:
-        """Derivatives of the next shift, (k, P).
+        """Derivatives of the next shift, or of what of the memory ``shifted`` reads, (k, P).
 
         Args:
             before: derivatives of the shift, (k, P).

@@ -286,6 +286,17 @@ class FrictionStep(RangeStep):
         )
         return slopes
 
+    def shifted(self, before: np.ndarray) -> np.ndarray:
+        """Of a law of the pressures as it has it.
+
+        Args:
+            before: derivatives of the memory, (k, P).
+        """
+        changes = before.copy()
+        normal = self.friction.normal
+        changes[normal] = self.under.shifted(before[normal])
+        return changes
+
     def carried(
         self, before: np.ndarray, forces: np.ndarray, slack: np.ndarray, active: np.ndarray
     ) -> np.ndarray:

@@ -1,13 +1,11 @@
 """Curves of pressure over overclosure, as numbers: what the law and its C kernel evaluate.
 
-The overclosure h is positive where surfaces overlap, negative across a gap. A curve acts from h =
--reach on; its argument d = h + reach is not negative there. Each is a factor, which may depend on
-parameters, times a shape, which does not.
+See :mod:`hhr_dolfinx.plugins.contact_laws.curve_pairs`.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
@@ -15,6 +13,7 @@ import numpy as np
 
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.formulas import Scalar
+from hhr_dolfinx.plugins.contact_laws.curve_pairs import PressureCurve, straight
 
 REACH = 5.0
 """Clearances c0 at which an exponential curve begins: its pressure there is 1e-10 of that at touch,
@@ -24,23 +23,17 @@ _PART_AT_CLEARANCE = 100.0
 """The pressure at touch over that at the clearance c0, by the manuals of CalculiX."""
 
 
-class PressureCurve(ABC):
-    """A monotone curve of the pressure."""
+class SoftCurve(PressureCurve):
+    """A curve without memory."""
 
     kind: ClassVar[int]  #: number of its formula in the C kernel
-    factor: Scalar  #: of the shape
-
-    @property
-    @abstractmethod
-    def reach(self) -> float:
-        """Gap at which the pressure begins; negative if surfaces overlap freely at first."""
 
     @abstractmethod
     def shape(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pressures over the factor, and their derivatives, (k,) each.
 
         Args:
-            d: overclosure from where the curve begins, not negative, (k,).
+            d: closure, not negative, (k,).
         """
 
     @property
@@ -48,9 +41,13 @@ class PressureCurve(ABC):
         """Numbers of the curve for the C kernel."""
         return ()
 
+    def parts(self) -> list[str | np.ndarray]:
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.curve_pairs.PressureCurve`."""
+        return [str(self.kind), np.array(self.numbers)]
+
 
 @dataclass(frozen=True)
-class LinearCurve(PressureCurve):
+class LinearCurve(SoftCurve):
     """p = k h for overlaps."""
 
     kind: ClassVar[int] = 0
@@ -59,16 +56,16 @@ class LinearCurve(PressureCurve):
 
     @property
     def reach(self) -> float:
-        """See :class:`PressureCurve`."""
+        """See :class:`SoftCurve`."""
         return 0.0
 
     def shape(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`PressureCurve`."""
+        """See :class:`SoftCurve`."""
         return d, np.ones_like(d)
 
 
 @dataclass(frozen=True)
-class ExponentialCurve(PressureCurve):
+class ExponentialCurve(SoftCurve):
     """p = p0 exp(ln(100) h / c0), p0 at touch and 1 % of it at the gap c0."""
 
     kind: ClassVar[int] = 1
@@ -78,16 +75,16 @@ class ExponentialCurve(PressureCurve):
 
     @property
     def reach(self) -> float:
-        """See :class:`PressureCurve`."""
+        """See :class:`SoftCurve`."""
         return REACH * self.clearance
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """See :class:`PressureCurve`: the rate, and the gap where it begins."""
+        """See :class:`SoftCurve`: the rate, and the gap where it begins."""
         return float(np.log(_PART_AT_CLEARANCE)) / self.clearance, self.reach
 
     def shape(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`PressureCurve`."""
+        """See :class:`SoftCurve`."""
         rate, reach = self.numbers
         with np.errstate(over="ignore"):  # a trial far too deep: infinite, and brought back
             pressure = np.exp(rate * (d - reach))
@@ -95,7 +92,7 @@ class ExponentialCurve(PressureCurve):
 
 
 @dataclass(frozen=True, eq=False)
-class TabularCurve(PressureCurve):
+class TabularCurve(SoftCurve):
     """Pressures at overclosures, straight between them; beyond the last as the last segment."""
 
     kind: ClassVar[int] = 2
@@ -106,19 +103,15 @@ class TabularCurve(PressureCurve):
 
     @property
     def reach(self) -> float:
-        """See :class:`PressureCurve`."""
+        """See :class:`SoftCurve`."""
         return -float(self.overclosures[0])
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """See :class:`PressureCurve`: how many points, their arguments, their pressures."""
+        """See :class:`SoftCurve`: how many points, their arguments, their pressures."""
         begins = self.overclosures - self.overclosures[0]
         return (float(begins.size), *begins.tolist(), *self.pressures.tolist())
 
     def shape(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`PressureCurve`."""
-        begins = self.overclosures - self.overclosures[0]
-        rises = np.diff(self.pressures) / np.diff(begins)
-        segment = np.clip(np.searchsorted(begins, d, side="right") - 1, 0, len(rises) - 1)
-        pressure = self.pressures[segment] + rises[segment] * (d - begins[segment])
-        return pressure, rises[segment]
+        """See :class:`SoftCurve`."""
+        return straight(d, self.overclosures - self.overclosures[0], self.pressures)

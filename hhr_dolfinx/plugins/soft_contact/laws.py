@@ -3,47 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
 
-from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.memory import Memory
-from hhr_dolfinx.plugins.contact_laws.ranges import CurveStep, RangeSolver
-from hhr_dolfinx.plugins.soft_contact.curves import ExponentialCurve, LinearCurve, TabularCurve
+from hhr_dolfinx.plugins.contact_laws.curve_pairs import CurveConditions, CurvesStep
+from hhr_dolfinx.plugins.contact_laws.ranges import RangeSolver
+from hhr_dolfinx.plugins.soft_contact.curves import (
+    ExponentialCurve,
+    LinearCurve,
+    SoftCurve,
+    TabularCurve,
+)
 
 
 @dataclass(frozen=True, eq=False)
-class SoftContacts(ContactLaw):
-    """Curves of the conditions, (m,), of which no parameter is ``fixed``."""
+class SoftContacts(CurveConditions):
+    """Soft contact of the conditions, (m,)."""
 
     plugin: ClassVar[str] = "soft_contact"
     name: ClassVar[str] = "soft contact"
     remembers: ClassVar[bool] = False
-    floats: ClassVar[bool] = True
-    fixed: ClassVar[np.ndarray] = np.zeros(0, dtype=np.int64)  # type: ignore[misc]
 
     area: Annotated[Floats, "m"]
     number: Annotated[Integers, "m"]  #: index of the curve of each condition
     curves: tuple[LinearCurve | ExponentialCurve | TabularCurve, ...]
-
-    def within(self, conditions: np.ndarray) -> SoftContacts:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return replace(self, area=self.area[conditions], number=self.number[conditions])
-
-    @property
-    def reach(self) -> np.ndarray:
-        """Gap at which the pressure of each condition begins, (m,)."""
-        return np.array([curve.reach for curve in self.curves])[self.number]
-
-    def parts(self) -> list[str | np.ndarray]:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        told: list[str | np.ndarray] = [self.area, self.number]
-        for curve in self.curves:
-            told += [str(curve.kind), np.array(curve.numbers), curve.factor.text]
-        return told
 
     def opened(self, memory: Memory) -> np.ndarray:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`: surfaces that press overlap, or act
@@ -78,38 +65,27 @@ class SoftRange(RangeSolver[SoftContacts, Memory]):
         return SoftStep(self.law, point)
 
 
-class SoftStep(CurveStep):
+class SoftStep(CurvesStep[SoftCurve]):
     """Soft contact at a point, (P,)."""
 
-    def __init__(self, law: SoftContacts, point: np.ndarray):
-        self.shift = -law.reach
-        self._law = law
-        self._point = point
-        self._rows = [np.flatnonzero(law.number == k) for k in range(len(law.curves))]
-        self._factors = [
-            law.area[rows] * curve.factor.value(point)
-            for curve, rows in zip(law.curves, self._rows, strict=True)
-        ]
+    def shape(
+        self, curve: SoftCurve, rows: np.ndarray, closure: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.curve_pairs.CurvesStep`.
 
-    def curve(self, closure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.CurveStep`."""
-        force = np.empty_like(closure)
-        slope = np.empty_like(closure)
-        for curve, rows, factor in zip(self._law.curves, self._rows, self._factors, strict=True):
-            pressure, rise = curve.shape(closure[rows])
-            force[rows] = factor * pressure
-            slope[rows] = factor * rise
-        return force, slope
-
-    def curve_slopes(self, closure: np.ndarray) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.CurveStep`."""
-        slopes = np.zeros((closure.size, self._point.size))
-        for curve, rows in zip(self._law.curves, self._rows, strict=True):
-            pressure, _ = curve.shape(closure[rows])
-            along = curve.factor.derivative(self._point)
-            slopes[rows] = np.outer(self._law.area[rows] * pressure, along)
-        return slopes
+        Args:
+            curve: curve of the rows.
+            rows: their numbers, (k,).
+            closure: closures, not negative, (k,).
+        """
+        return curve.shape(closure)
 
     def after(self, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> Memory:
-        """The overclosure from where curves begin, for outputs of gaps; no increment reads it."""
+        """The closure, for outputs of gaps; no increment reads it.
+
+        Args:
+            forces: not read.
+            slack: slacks of the rows, (k,).
+            active: not read.
+        """
         return Memory(overclosure=np.maximum(-slack, 0.0))

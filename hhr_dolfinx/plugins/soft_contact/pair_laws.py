@@ -2,36 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from hhr_dolfinx.contact.law import MeshArrays, PairLaw
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.formulas import Scalar, check_over_box, formula_of
+from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.parameters import is_number
-from hhr_dolfinx.plugins.contact_laws.interface import check_areas
+from hhr_dolfinx.plugins.contact_laws.curve_pairs import CurvePair, points_of_table
 from hhr_dolfinx.plugins.soft_contact.curves import (
     ExponentialCurve,
     LinearCurve,
-    PressureCurve,
+    SoftCurve,
     TabularCurve,
 )
 from hhr_dolfinx.plugins.soft_contact.laws import SoftContacts
 
-if TYPE_CHECKING:
-    from scipy.sparse import csc_matrix
-
-    from hhr_dolfinx.contact.rows import ContactRows
-    from hhr_dolfinx.parameters import ParameterSpace
-
-_POSITIVE = "the pressure of soft contact must grow: give a positive number"
-
 
 @dataclass(frozen=True)
-class SoftContact(PairLaw):
+class SoftContact(CurvePair):
     """Pressure over the overclosure of a pair; give one of the three curves.
 
     Overclosures are positive where surfaces overlap, negative across a gap.
@@ -52,6 +43,8 @@ class SoftContact(PairLaw):
     """
 
     plugin: ClassVar[str] = "soft_contact"
+    noun: ClassVar[str] = "soft contact"
+    conditions: ClassVar[Callable[..., SoftContacts]] = SoftContacts
 
     stiffness: float | str | None = None
     exponential: tuple[float, float | str] | None = None
@@ -67,10 +60,9 @@ class SoftContact(PairLaw):
             )
         if self._has("exponential"):
             self._check_exponential()
-        if is_number(self._factor) and self._factor <= 0:
-            raise SceneError(f"{_POSITIVE} in place of {self._factor!r}")
+        self.check_constant()
         if self._has("table"):
-            self._check_table()
+            self._points()
         elif self.scale != 1.0:
             raise SceneError("the scale of soft contact is that of a table")
 
@@ -85,45 +77,20 @@ class SoftContact(PairLaw):
         if not is_number(pair[0]) or pair[0] <= 0:
             raise SceneError(f"the clearance {pair[0]!r} of soft contact must be positive")
 
-    def _check_table(self) -> None:
-        """Raise SceneError unless overclosures grow, and pressures from zero do not fall."""
-        try:
-            points = np.array(self.table, dtype=float)
-        except (TypeError, ValueError):
-            points = np.zeros(0)
-        if points.ndim != 2 or points.shape[1:] != (2,) or len(points) < 2:
-            raise SceneError("the table of soft contact needs two points (overclosure, pressure)")
-        if not np.isfinite(points).all() or (np.diff(points[:, 0]) <= 0).any():
-            raise SceneError("overclosures in the table of soft contact must be finite and grow")
-        if points[0, 1] != 0:
-            raise SceneError(
-                f"the table of soft contact begins with the pressure {points[0, 1]:g}, and the "
-                "first must be 0, where the pressure begins"
-            )
-        if (np.diff(points[:, 1]) < 0).any():
-            raise SceneError(
-                "the pressure in the table of soft contact falls: contact that softens may have "
-                "several answers, and is not built in"
-            )
-        if points[-1, 1] <= 0:
-            raise SceneError("the table of soft contact has no pressure")
+    def _points(self) -> np.ndarray:
+        return points_of_table(self.table, "the table of soft contact", "overclosure")
 
     @property
-    def _factor(self) -> float | str:
-        """The constant that may be a formula."""
+    def constant(self) -> float | str:
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.curve_pairs.CurvePair`."""
         if self.stiffness is not None:
             return self.stiffness
         return self.scale if self.exponential is None else self.exponential[1]
 
     @property
-    def texts(self) -> tuple[str, ...]:
-        """See :class:`~hhr_dolfinx.contact.law.PairLaw`."""
-        return (self._factor,) if isinstance(self._factor, str) else ()
-
-    @property
     def words(self) -> str:
         """See :class:`~hhr_dolfinx.contact.law.PairLaw`."""
-        shown = self._factor if isinstance(self._factor, str) else f"{self._factor:g}"
+        shown = self.constant if isinstance(self.constant, str) else f"{self.constant:g}"
         if self.stiffness is not None:
             return f"soft contact, {shown} per length"
         if self.exponential is not None:
@@ -131,44 +98,11 @@ class SoftContact(PairLaw):
         assert self.table is not None
         return f"soft contact, {len(self.table)} points times {shown}"
 
-    def curve(self, space: ParameterSpace, what: str) -> PressureCurve:
-        """The curve over a box.
-
-        Args:
-            space: the parameters.
-            what: description of the contact for the message.
-
-        Raises:
-            SceneError: for a constant that is not positive all over the box.
-        """
-        text = formula_of(self._factor, f"soft contact of {what}").text
-        factor = Scalar(text, space.names)
-        check_over_box(factor, space, f"soft contact of {what}", 0.0, np.inf, _POSITIVE)
+    def curve_of(self, factor: Scalar) -> SoftCurve:
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.curve_pairs.CurvePair`."""
         if self.stiffness is not None:
             return LinearCurve(factor)
         if self.exponential is not None:
             return ExponentialCurve(factor, float(self.exponential[0]))
-        points = np.array(self.table, dtype=float)
+        points = self._points()
         return TabularCurve(factor, points[:, 0].copy(), points[:, 1].copy())
-
-    def check(self, scene: Any, what: str) -> None:
-        """See :class:`~hhr_dolfinx.contact.law.PairLaw`."""
-        self.curve(scene.parameters, what)
-
-    @classmethod
-    def attached(
-        cls,
-        laws: Mapping[int, Any],
-        scene: Any,
-        rows: ContactRows,
-        pairs: np.ndarray,
-        free: np.ndarray,
-        lifts: csc_matrix,
-        mesh: MeshArrays,
-    ) -> tuple[ContactRows, np.ndarray, SoftContacts]:
-        """See :class:`~hhr_dolfinx.contact.law.PairLaw`: no further rows."""
-        check_areas(scene, laws)
-        places = list(laws)
-        number = np.array([places.index(k) if k in laws else 0 for k in pairs], dtype=np.int64)
-        curves: Any = tuple(law.curve(scene.parameters, f"contact {k}") for k, law in laws.items())
-        return rows, pairs, SoftContacts(rows.areas, number, curves)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import numpy as np
 
 from hhr_dolfinx.declared import Floats, Integers
-from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.functionals.functional import Functional, State
 from hhr_dolfinx.outputs import OfContact, no_rows
-from hhr_dolfinx.plugins.wear.laws import WORN, WornConditions
+from hhr_dolfinx.plugins.contact_laws.readings import places_in_memory
+from hhr_dolfinx.plugins.wear.laws import WORN
 
 if TYPE_CHECKING:
     from hhr_dolfinx.outputs import ModelProbe
@@ -54,17 +54,10 @@ class WornDepth(OfContact):
         Raises:
             SceneError: for a contact without wear.
         """
-        law = probe.problem.law.of("wear")
-        conditions = probe.conditions(self)
-        if not isinstance(law, WornConditions) or not np.isin(conditions, law.rows).all():
-            raise SceneError(
-                f"output '{self.name}': contact {self.contact} does not wear: give its pair "
-                "law=hhr.ArchardWear(constant, speed)"
-            )
+        remedy = "does not wear: give its pair law=hhr.ArchardWear(constant, speed)"
+        conditions, places = places_in_memory(probe, self, "wear", remedy)
         areas = probe.problem.contact_areas[conditions]
         areas = areas * probe.problem.shares_of(self.contact)[conditions]
-        order = np.argsort(law.rows)
-        places = order[np.searchsorted(law.rows, conditions, sorter=order)]
         return Worn(self.name, self.unit, *no_rows(), places, areas, self.largest)
 
 
