@@ -350,8 +350,8 @@ def pair_law(pair: object, what: str) -> PairLaw | None:
         what: description of the pairing for messages.
 
     Raises:
-        SceneError: for an invalid law, two laws, a law that no installed plug-in reads, or that of
-            a pairing inside.
+        SceneError: for an invalid law, laws that do not go together, a law that no installed
+            plug-in reads, or that of a pairing inside.
     """
     readers = registry.named("pair_laws")
     declared = fields(pair) if is_dataclass(pair) else ()
@@ -378,16 +378,15 @@ def pair_law(pair: object, what: str) -> PairLaw | None:
                     f"{what} has a law inside of its {name}, {inner!r}, which nothing reads there: "
                     "give the outer pairing a field law, and the law to that"
                 )
-    if not stated:
-        return None
-    if len(stated) > 1:
-        raise SceneError(
-            f"{what} has several laws, {', '.join(stated)}: that is not built in, give it one"
-        )
-    ((name, value),) = stated.items()
-    if not isinstance(value, PairLaw) and name in readers:
-        value = registry.load(readers[name])(value, what)
-    if not isinstance(value, PairLaw) or value.plugin not in registry.installed():
-        remedy = registry.remedy("pair_laws", name) or ": install the one that does"
-        raise SceneError(f"{what} has {name} = {value!r}, and no plug-in reads it{remedy}")
-    return value
+    laws: list[PairLaw] = []
+    for name, value in stated.items():
+        if not isinstance(value, PairLaw) and name in readers:
+            value = registry.load(readers[name])(value, what)
+        if not isinstance(value, PairLaw) or value.plugin not in registry.installed():
+            remedy = registry.remedy("pair_laws", name) or ": install the one that does"
+            raise SceneError(f"{what} has {name} = {value!r}, and no plug-in reads it{remedy}")
+        laws.append(value)
+    if len(laws) > 1:
+        joined: PairLaw = registry.tool("laws_of_a_pair", f"{what} with several laws")(laws, what)
+        return joined
+    return laws[0] if laws else None

@@ -291,9 +291,12 @@ class SceneDraft:
         return replace(self.of_other_meshes(), pairing=pairing)
 
     def with_contact_law(self, **law: float | str | PairLaw) -> SceneDraft:
-        """The draft with a law of the pair of blocks, as arguments of its pairing."""
-        self.exclude(bool(self.law), "the pair of blocks has a law, and a pair has one")
-        return replace(self, law=law)
+        """The draft with a law of the pair of blocks, as arguments of its pairing: one of its
+        pressures, and one of friction.
+        """
+        twice = bool(self.law.keys() & law.keys())
+        self.exclude(twice, "the pair of blocks has such a law, and a pair has one of each")
+        return replace(self, law={**self.law, **law})
 
     def with_obstacle(self, pairing: Pairing) -> SceneDraft:
         """The draft with a further pairing."""

@@ -103,14 +103,8 @@ class Interface(ContactLaw, Rebuilt):
 
     def of(self, plugin: str) -> ContactLaw | None:
         """See :class:`ContactLaw`."""
-        return next(
-            (
-                law_range.law.among(law_range.rows)
-                for law_range in self.ranges
-                if law_range.law.plugin == plugin
-            ),
-            None,
-        )
+        placed = (law_range.law.among(law_range.rows).of(plugin) for law_range in self.ranges)
+        return next((law for law in placed if law is not None), None)
 
     def pressing(self, count: int) -> np.ndarray:
         """See :class:`ContactLaw`."""
@@ -279,9 +273,14 @@ def joint(
     return _together(scene, laws, found, rows, pairs)
 
 
+class OverLaws:
+    """Mark of a law that reads the forces of others on its rows, so that ranges solve it."""
+
+
 def _solves_itself(law: ContactLaw) -> bool:
     facets = registry.installed()[law.plugin].facets
-    return law.remembers and ("steps" in facets or "range" not in facets)
+    layered = isinstance(law, OverLaws)
+    return law.remembers and not layered and ("steps" in facets or "range" not in facets)
 
 
 def _together(
@@ -312,6 +311,13 @@ def _together(
     return joined(blocks), np.concatenate(numbers), interface
 
 
+def _remedy(law: Interface) -> str:
+    """How to keep two memories of one name apart."""
+    if any(isinstance(law_range.law, OverLaws) for law_range in law.ranges):
+        return "give the pairs without friction friction=0.0, so that one law has all of them"
+    return "one of them must name its memory in another way"
+
+
 def _check_memories(scene: Scene, law: Interface) -> None:
     owner: dict[str, str] = {}
     for law_range in law.ranges:
@@ -322,7 +328,7 @@ def _check_memories(scene: Scene, law: Interface) -> None:
                 raise SceneError(
                     f"contacts of scene '{scene.name}' have {law.name}, of the plug-ins "
                     f"'{owner[name]}' and '{law_range.law.plugin}', and both remember '{name}': "
-                    "one of them must name its memory in another way"
+                    f"{_remedy(law)}"
                 )
         if not law_range.law.remembers:
             try:

@@ -19,6 +19,10 @@ from hhr_dolfinx.plugins.decks.named import NamedParts
 from hhr_dolfinx.plugins.decks.planes import Plane, plane_through
 from hhr_dolfinx.plugins.soft_contact.pair_laws import SoftContact
 
+ROUGH_SURFACES = 1e6
+"""Coefficient of friction of surfaces that never slip while they touch, as *FRICTION, ROUGH has
+them: forces have the same digits from 1e3 on.
+"""
 _HARD = "contact is hard here, surfaces do not overlap. If that stiffness is meant, give the pair"
 _EXPONENTIAL = "the pressure is 1 % at the clearance, as in CalculiX; in Abaqus it ends there"
 _TABULAR = "beyond its last point the pressure goes on to grow, as in Abaqus; CalculiX keeps it"
@@ -161,7 +165,6 @@ def _dragging(block: KeywordBlock, friction: float, motion: np.ndarray) -> list[
 def _interactions(blocks: Sequence[KeywordBlock], todo: list[Left]) -> dict[str, Interaction]:
     """Friction and soft contact by the name of the interaction in capitals."""
     interactions: dict[str, Interaction] = {}
-    rubbing: dict[str, KeywordBlock] = {}
     name: str | None = None
     for block in blocks:
         if block.keyword == "SURFACE INTERACTION":
@@ -171,10 +174,11 @@ def _interactions(blocks: Sequence[KeywordBlock], todo: list[Left]) -> dict[str,
             name = None  # of a later step, which is left
         elif block.keyword == "SURFACE BEHAVIOR" and name is not None:
             interactions[name] = interactions[name]._replace(curve=_curve(block, todo))
+        elif block.keyword == "FRICTION" and "ROUGH" in block.options and name is not None:
+            interactions[name] = interactions[name]._replace(coefficient=ROUGH_SURFACES)
         elif block.keyword == "FRICTION" and block.rows and name is not None:
             limit = block.number(block.options["TAUMAX"]) if "TAUMAX" in block.options else math.inf
             coefficient = block.value(block.rows[0], 0)
-            rubbing[name] = block
             interactions[name] = interactions[name]._replace(coefficient=coefficient, limit=limit)
             if len(block.rows) > 1:
                 reason = (
@@ -182,10 +186,6 @@ def _interactions(blocks: Sequence[KeywordBlock], todo: list[Left]) -> dict[str,
                     "first line counts"
                 )
                 todo.append(block.left(f"{reason}, {coefficient:g}"))
-    for name, block in rubbing.items():
-        if interactions[name].curve and interactions[name].coefficient:
-            todo.append(block.left(f"a pair has one law: soft contact of '{name}' has no friction"))
-            interactions[name] = Interaction(curve=interactions[name].curve)
     return interactions
 
 

@@ -242,12 +242,7 @@ _OF_CONTACT = {
         },
     ),
     "FRICTION": left_options(
-        read_options("TAUMAX", "LAGRANGE|SLIP TOLERANCE|ELASTIC SLIP|SHEAR TRACTION SLOPE"),
-        ROUGH=(
-            "surfaces that stick at any pressure have no counterpart, and the pair has no "
-            "friction here: give it a large friction=, or hhr.Tie(SLAVE, MASTER) if it does not "
-            "open"
-        ),
+        read_options("TAUMAX|ROUGH", "LAGRANGE|SLIP TOLERANCE|ELASTIC SLIP|SHEAR TRACTION SLOPE"),
         EXPONENTIAL_DECAY=(
             "friction does not depend on the speed: its first number, that at rest, counts"
         ),

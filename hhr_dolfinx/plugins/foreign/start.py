@@ -322,9 +322,6 @@ def _interaction(file: Path, options: dict[str, str], read: Read) -> str:
             friction = float(rows[0][0])
         elif keyword == "SURFACE BEHAVIOR":
             law = _curve(where, block_options, rows, read)
-    if law and friction:
-        read.left.append(f"TODO {where} *FRICTION: a pair has one law, soft contact has none")
-        friction = 0.0
     return (f", friction={friction!r}" if friction else "") + (f", law={law}" if law else "")
 
 

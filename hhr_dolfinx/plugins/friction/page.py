@@ -7,6 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from hhr_dolfinx.plugins.friction.laws import Friction
+from hhr_dolfinx.plugins.friction.over import require_alone
 from hhr_dolfinx.plugins.pages.packing import Json, Packed, steps_of
 
 _FOLDER = Path(__file__).parent
@@ -26,6 +27,7 @@ class _Page:
             law: friction of the conditions.
             arrays: arrays of the page, to which those of the law are added.
         """
+        require_alone(law, "a page or C")
         tree: dict[str, Json] = {
             name: arrays.put(f"friction_{name}", getattr(law, name), "<i4")
             for name in ("normal", "tangential", "owner", "law", "twice")

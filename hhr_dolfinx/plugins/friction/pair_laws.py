@@ -10,9 +10,10 @@ import numpy as np
 
 from hhr_dolfinx.contact.law import MeshArrays, PairLaw
 from hhr_dolfinx.declared import KnownArguments
-from hhr_dolfinx.errors import SceneError, SceneWarning
+from hhr_dolfinx.errors import NotOfferedError, SceneError, SceneWarning
 from hhr_dolfinx.formulas import formula_of
 from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw, check_finite
+from hhr_dolfinx.plugins.friction.over import over_laws
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
@@ -22,19 +23,22 @@ if TYPE_CHECKING:
     from hhr_dolfinx.scene import Scene
 
 
-class _Tangential(KnownArguments, PairLaw):
+class Tangential(KnownArguments, PairLaw):
     """A law of the tangential forces of a contact pair, by two constants."""
 
     plugin: ClassVar[str] = "friction"
     coefficient: float | str | None
     limit: float | str | None
+    under: PairLaw | None = None  #: law of the pressures
 
     @property
     def texts(self) -> tuple[str, ...]:
+        """See :class:`~hhr_dolfinx.contact.law.PairLaw`."""
         return tuple(text for text in (self.coefficient, self.limit) if isinstance(text, str))
 
     @property
     def words(self) -> str:
+        """See :class:`~hhr_dolfinx.contact.law.PairLaw`."""
         texts = [] if self.coefficient is None else [f"friction {self.coefficient}"]
         texts += [] if self.limit is None else [f"shear stress up to {self.limit}"]
         return ", ".join(texts)
@@ -65,7 +69,7 @@ class _Tangential(KnownArguments, PairLaw):
     @classmethod
     def attached(
         cls,
-        laws: Mapping[int, Law],
+        laws: Mapping[int, Tangential],
         scene: Scene,
         rows: ContactRows,
         pairs: np.ndarray,
@@ -97,7 +101,7 @@ class _Tangential(KnownArguments, PairLaw):
                 [k for k, name in enumerate(scene.parameters.names) if name in some], dtype=np.int64
             )
 
-        return with_tangents(
+        longer, of_pairs, friction = with_tangents(
             rows,
             pairs,
             friction_laws,
@@ -107,10 +111,13 @@ class _Tangential(KnownArguments, PairLaw):
             places(shaped),
             Mesh(*mesh),
         )
+        under = {pair: law.under for pair, law in laws.items() if law.under is not None}
+        friction = over_laws(friction, under, scene, rows, pairs, free, lifts, mesh)
+        return longer, of_pairs, friction
 
 
 @dataclass(frozen=True)
-class Coulomb(_Tangential):
+class Coulomb(Tangential):
     """Coulomb's law: the shear stress of a contact is at most a coefficient times its pressure.
 
     In nodal forces |τ| <= min(coefficient λ, limit area).
@@ -136,7 +143,7 @@ class Coulomb(_Tangential):
 
 
 @dataclass(frozen=True)
-class Tresca(_Tangential):
+class Tresca(Tangential):
     """Tresca's law: the tangential stress is at most a given one at any pressure, also on open
     contacts.
 
@@ -207,11 +214,13 @@ def law_of(friction: Law | str | float | None, what: str) -> Law | None:
 class _Deck:
     """Facet ``deck``, see :class:`hhr_dolfinx.plugins.exporters.deck.LawInDeck`."""
 
-    def limited(self, law: Law) -> bool:
+    def limited(self, law: Tangential) -> bool:
+        if law.under is not None:
+            raise NotOfferedError(f"a deck of contacts with {law.words} is not built in")
         return law.limit is not None
 
     def lines(
-        self, law: Law, number: Callable[[float | str], float], penalty: float
+        self, law: Tangential, number: Callable[[float | str], float], penalty: float
     ) -> Iterator[str]:
         """Lines of the law in a deck of CalculiX.
 

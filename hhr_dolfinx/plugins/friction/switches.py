@@ -28,7 +28,7 @@ def friction_by_formula(draft: SceneDraft, neutral: bool) -> SceneDraft:
         neutral: take a value without effect.
     """
     draft = draft.with_parameter("mu", 0.0, 0.4, 0.0 if neutral else 0.25)
-    return draft.with_contact_law(law=Coulomb("mu"))
+    return draft.with_contact_law(friction=Coulomb("mu"))
 
 
 def tresca(draft: SceneDraft, neutral: bool) -> SceneDraft:
@@ -38,4 +38,4 @@ def tresca(draft: SceneDraft, neutral: bool) -> SceneDraft:
         draft: scene to change.
         neutral: take a value without effect.
     """
-    return draft.with_contact_law(law=Tresca(0.0 if neutral else 0.02))
+    return draft.with_contact_law(friction=Tresca(0.0 if neutral else 0.02))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, Protocol, TypeGuard
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -14,7 +14,8 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.surface import CREASE, Surface
 from hhr_dolfinx.plugins.contact_laws.interface import Range, ranged
 from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
-from hhr_dolfinx.plugins.friction.pair_laws import Coulomb, Tresca
+from hhr_dolfinx.plugins.friction.over import require_alone
+from hhr_dolfinx.plugins.friction.pair_laws import Coulomb, Tangential
 from hhr_dolfinx.plugins.sliding.law import SlidingLaw
 from hhr_dolfinx.plugins.sliding.pressures import beside_laws
 from hhr_dolfinx.plugins.sliding.repairing import (
@@ -79,7 +80,7 @@ def sliding_law(
     pairs = dict(_pairs(scene, sliding, surfaces, first))
     laws_of_friction = [
         FrictionLaw.of(
-            law if isinstance(law, Coulomb | Tresca) else Coulomb(0.0),
+            law if isinstance(law, Tangential) else Coulomb(0.0),
             scene.parameters,
             f"contact {number}",
         )
@@ -92,12 +93,14 @@ def sliding_law(
     every = tuple(pairs.values())
     dim = every[0].slave.points.shape[1]
     found = of_others.of("friction")
+    if isinstance(found, Friction):
+        require_alone(found, "sliding by any length beside pairs that do not slide,")
     others = found if isinstance(found, Friction) else no_friction(dim)
     friction = layout(every, laws_of_friction, fixed, dim, others)
     of_slaves = {
         number: law
-        for number, law in enumerate(scene.laws)
-        if number in pairs and _is_no_friction(law)
+        for number, law in enumerate(map(_of_pressures, scene.laws))
+        if number in pairs and law is not None
     }
     ranges = _on_slaves(of_slaves, pairs, surfaces) if of_slaves else ()
     law = beside_laws(friction, of_others, ranges, first)
@@ -135,9 +138,11 @@ def _on_slaves(
     return ranged(law, nodes.size).ranges
 
 
-def _is_no_friction(law: PairLaw | None) -> TypeGuard[PairLaw]:
-    """True for a law of another plug-in."""
-    return law is not None and law.plugin != Friction.plugin
+def _of_pressures(law: PairLaw | None) -> PairLaw | None:
+    """The law of the pressures of a pair, alone or beneath friction."""
+    if isinstance(law, Tangential):
+        return law.under
+    return law
 
 
 def _pairs(

@@ -15,6 +15,7 @@ from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.plugins.contact_laws.interface import Interface, Range, ranged
+from hhr_dolfinx.plugins.contact_laws.layers import StepOfRanges
 from hhr_dolfinx.plugins.contact_laws.range_increments import SolversOfRanges, joined
 from hhr_dolfinx.plugins.contact_laws.ranges import (
     Linearised,
@@ -236,62 +237,6 @@ class _FacingStep(RangeStep):
         return self._step.after(forces / self._share, slack, active)
 
 
-class _PressureStep(RangeStep):
-    """Increments of several laws, each on its contacts, (k,), of C."""
-
-    def __init__(self, ranges: Sequence[tuple[np.ndarray, RangeStep]], count: int):
-        self._ranges = ranges
-        self.shift = np.zeros(count)
-        for places, step in self._ranges:
-            self.shift[places] = step.shift
-
-    def linearised(
-        self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
-    ) -> Linearised:
-        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`.
-
-        Args:
-            forces: forces of the contacts, (C,).
-            slack: slacks of the contacts, (C,).
-            stiffness: c, force per slack of each contact, (C,).
-            attempt: number of the way to choose statuses.
-        """
-        off, on_forces, on_slack, right = np.zeros((4, forces.size))
-        active = np.zeros(forces.size, dtype=bool)
-        keys = []
-        couplings = []
-        for places, step in self._ranges:
-            at = step.linearised(forces[places], slack[places], stiffness[places], attempt)
-            for values, of_range in zip((off, on_forces, on_slack, right), at, strict=False):
-                values[places] = of_range
-            active[places] = at.active
-            keys.append(at.key)
-            if at.coupling is not None:
-                rows, columns, *entries = at.coupling
-                couplings.append((places[rows], places[columns], *entries))
-        coupling = (
-            OffDiagonal(*(np.concatenate(arrays) for arrays in zip(*couplings, strict=True)))
-            if couplings
-            else None
-        )
-        return Linearised(off, on_forces, on_slack, right, b"".join(keys), active, coupling)
-
-    def after(self, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> Memory:
-        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`.
-
-        Args:
-            forces: forces of the contacts, (C,).
-            slack: slacks of the contacts, (C,).
-            active: contacts that touch, (C,) bool.
-        """
-        return joined(
-            [
-                step.after(forces[places], slack[places], active[places])
-                for places, step in self._ranges
-            ]
-        )
-
-
 class PressureLaws:
     """Solves increments on one pairing after another, with friction beside laws on pressures."""
 
@@ -336,7 +281,7 @@ class PressureLaws:
         under = [(places_of(rows, friction.normal), step) for rows, step, both in laws if both]
         alone = [(rows, step) for rows, step, both in laws if not both]
         facing = [(places, _FacingStep(step, share[places])) for places, step in under]
-        of_contacts = _PressureStep(facing, friction.normal.size)
+        of_contacts = StepOfRanges(facing, friction.normal.size)
         step_of_friction = FrictionStep(local, before.slip, target.point, of_contacts)
         step_of_friction.coefficient = given.coefficient
         step_of_friction.limit = given.limit

@@ -64,7 +64,7 @@ class ArchardWear(PairLaw):
         Raises:
             SceneError: for an output that reads the gap of the pair by displacements alone.
         """
-        own = [k for k, law in enumerate(scene.laws) if law is self]
+        own = [k for k, law in enumerate(scene.laws) if self in (law, getattr(law, "under", None))]
         for output in scene.outputs:
             if isinstance(output, GapAt) and output.contact in own:
                 raise SceneError(

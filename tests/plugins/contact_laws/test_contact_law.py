@@ -388,8 +388,6 @@ def test_scenes_that_it_is_not_made_for_are_refused(wear, monkeypatch):
     """Its rates are divided by areas of one shape, and without its range nothing solves for motions
     of bodies.
     """
-    with pytest.raises(SceneError, match="several laws, friction, law"):
-        scene(law=wear, friction=0.3)
     made, lid = scene(law=wear), block.side(1, upper=True)
     free = {"displacements": made.displacements[:1], "loads": (hhr.Pressure(lid, slope("push")),)}
     wide = hhr.Shape(block.SOLID, ("x * (1 + wide)", "y"))

@@ -59,11 +59,21 @@ def test_a_linear_curve_stays_hard_and_its_line_is_the_law(tmp_path):
     assert pressure(scene_of(str(file))) == pytest.approx(soft, rel=1e-9)
 
 
-def test_soft_contact_has_no_friction(tmp_path):
-    _, scene, output = read(tmp_path, f"{TABLE}\n*FRICTION\n.3, 1e5")
-    assert "a pair has one law: soft contact of 'TOUCH' has no friction" in output
-    assert "friction=" not in (tmp_path / "deck.py").read_text()
-    assert pressure(scene) > 1.0
+@pytest.mark.parametrize(("line", "friction"), [
+    ("*FRICTION\n.3, 1e5", "friction=0.3"),
+    ("*FRICTION, TAUMAX=5.\n.3, 1e5", "friction=hhr.Coulomb(0.3, 5.0)"),
+    ("*FRICTION, ROUGH", "friction=1000000.0"),
+])  # fmt: skip
+def test_soft_contact_has_its_friction(line, friction, tmp_path):
+    """Pressed along the normal the force is that without friction, as the block does not widen."""
+    folders = [tmp_path / name for name in ("without", "with")]
+    for folder in folders:
+        folder.mkdir()
+    _, scene, _ = read(folders[0], TABLE)
+    _, with_friction, output = read(folders[1], f"{TABLE}\n{line}")
+    assert "a pair has" not in output
+    assert f"{friction}, law=hhr.SoftContact" in (folders[1] / "deck.py").read_text()
+    assert pressure(with_friction) == pytest.approx(pressure(scene), rel=1e-9)
 
 
 @pytest.mark.parametrize(
