@@ -106,6 +106,7 @@ from .plugins.local_models.models import LocalModels as LocalModels
 from .plugins.local_models.splitting import Splitting as Splitting
 from .plugins.mfront.law import MFront as MFront
 from .plugins.mortar.pairing import Mortar as Mortar
+from .plugins.no_separation.pair_laws import NoSeparation as NoSeparation
 from .plugins.nodal_loads.loads import NodalForce as NodalForce
 from .plugins.nodal_loads.loads import Nodes as Nodes
 from .plugins.nodal_loads.loads import Springs as Springs

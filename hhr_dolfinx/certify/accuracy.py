@@ -208,7 +208,8 @@ def slack_residuals(
         depth = (motion - gaps)[of_pair].max()
         penetration = max(penetration, float(depth / length) if length > 0 else 0.0)
     largest = np.abs(forces).max()
-    return penetration, max(0.0, float(-forces[pressing].min() / largest)) if largest > 0 else 0.0
+    pushing = forces[pressing & ~problem.law.pulling(len(forces))]
+    return penetration, float(-pushing.min(initial=0.0) / largest) if largest > 0 else 0.0
 
 
 def mass_norm(problem: ContactProblem, field: np.ndarray) -> float:

@@ -168,6 +168,10 @@ class ContactLaw:
         """Conditions with the force of a pressure among so many, (count,) bool."""
         return np.ones(count, dtype=bool)
 
+    def pulling(self, count: int) -> np.ndarray:
+        """Conditions whose force may pull among so many, (count,) bool."""
+        return np.zeros(count, dtype=bool)
+
     def distinct(self, count: int) -> np.ndarray:
         """Conditions that no other one repeats among so many, (count,) bool."""
         return np.ones(count, dtype=bool)

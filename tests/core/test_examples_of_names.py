@@ -49,6 +49,7 @@ NAMES = {
     "Shape": ("shapes",),
     "Sobol": (),
     "GasketLayer": ("gaskets",),
+    "NoSeparation": ("no_separation",),
     "SoftContact": ("soft_contact",),
     "Springs": ("nodal_loads", "elasticity"),
     "StressAt": ("stress",),

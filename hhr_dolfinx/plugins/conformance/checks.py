@@ -826,11 +826,11 @@ def _check_carried(solver: RangeSolver, point: np.ndarray, step: RangeStep, at: 
         expected = 0.5 * (ends[0] - ends[1])
         error = float(np.abs(found - expected).max() / (np.abs(expected).max() or 1.0))
         return _require(error <= OF_FUNCTIONS, "shifted", error)
-    at_rest = solver.step(solver.at_rest(), point, 0.7)
-    _require(
-        _near(step.linearised(*at, 1).off, at_rest.linearised(*at, 1).off, TESTED_ROUND_OFF),
-        "beyond",
-    )
+    # a memory may act beside the shift by steps alone, as one of statuses does
+    ends = [following(sign).linearised(*at, 1).off for sign in (1.0, -1.0)]
+    at_rest = solver.step(solver.at_rest(), point, 0.7).linearised(*at, 1).off
+    by_shift = _near(step.linearised(*at, 1).off, at_rest, TESTED_ROUND_OFF)
+    _require(by_shift or np.array_equal(ends[0], ends[1]), "beyond")
     step.linearised(*at, 1)
     expected = 0.5 * (following(1.0).shift - following(-1.0).shift)
     error = float(np.abs(carried[:, 0] - expected).max() / (np.abs(expected).max() or 1.0))

@@ -112,6 +112,12 @@ class Interface(ContactLaw, Rebuilt):
             count, [law_range.law.pressing(law_range.rows.size) for law_range in self.ranges]
         )
 
+    def pulling(self, count: int) -> np.ndarray:
+        """See :class:`ContactLaw`."""
+        return self._joined(
+            count, [law_range.law.pulling(law_range.rows.size) for law_range in self.ranges]
+        )
+
     def distinct(self, count: int) -> np.ndarray:
         """See :class:`ContactLaw`."""
         return self._joined(

@@ -19,6 +19,7 @@ from hhr_dolfinx.plugins.decks.named import NamedParts
 from hhr_dolfinx.plugins.decks.planes import Plane, plane_through
 from hhr_dolfinx.plugins.soft_contact.pair_laws import SoftContact
 
+_HOLDS = "surfaces hold from the end of the step in which they have pressed"
 ROUGH_SURFACES = 1e6
 """Coefficient of friction of surfaces that never slip while they touch, as *FRICTION, ROUGH has
 them: forces have the same digits from 1e3 on.
@@ -195,6 +196,12 @@ def _curve(block: KeywordBlock, todo: list[Left]) -> str:
     The stiffness of LINEAR is most often that of hard contact in a code that has no other one.
     """
     kind = block.word("PRESSURE-OVERCLOSURE")
+    holds = "NO SEPARATION" in block.options
+    if holds and kind in ("", "HARD"):
+        todo.append(block.left(_HOLDS))
+        return "hhr.NoSeparation()"
+    if holds:
+        todo.append(block.left("a pair has one law of its pressures: soft contact may open here"))
     try:
         numbers = [block.numbers(row) for row in block.rows]
         if kind == "LINEAR":

@@ -223,7 +223,7 @@ _OF_CONTACT = {
     "SURFACE BEHAVIOR": left_options(
         read_options(
             "PRESSURE-OVERCLOSURE=LINEAR|PRESSURE-OVERCLOSURE=EXPONENTIAL|"
-            "PRESSURE-OVERCLOSURE=TABULAR",
+            "PRESSURE-OVERCLOSURE=TABULAR|NO SEPARATION",
             "PRESSURE-OVERCLOSURE=HARD|AUGMENTED LAGRANGE|PENALTY|DIRECT",
         ),
         **{
@@ -234,10 +234,6 @@ _OF_CONTACT = {
             "PRESSURE-OVERCLOSURE=TIED": (
                 "surfaces touch and may open and slide here: write hhr.Tie(SLAVE, MASTER) in "
                 "constraints instead of the pair"
-            ),
-            "NO SEPARATION": (
-                "surfaces that touch may open here. hhr.Tie(SLAVE, MASTER) in constraints holds "
-                "them if they do not slide either"
             ),
         },
     ),

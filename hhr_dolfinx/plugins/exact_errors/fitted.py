@@ -203,6 +203,7 @@ class FittedForces:
             off = (
                 fills
                 & law_range.law.pressing(rows.size)
+                & ~law_range.law.pulling(rows.size)
                 & (x <= OPEN_OUTSIDE * np.abs(x[~fills]).max(initial=0.0))
             )
             x[off] = 0.0

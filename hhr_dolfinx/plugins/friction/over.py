@@ -104,6 +104,12 @@ class FrictionOver(Friction, OverLaws):
         opened[self.normal] = self.under.opened(memory)
         return opened
 
+    def pulling(self, count: int) -> np.ndarray:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`: as the laws beneath say."""
+        mask = np.zeros(count, dtype=bool)
+        mask[self.normal] = self.under.pulling(self.normal.size)
+        return mask
+
     def limited(
         self, forces: np.ndarray, changes: np.ndarray, fitted: np.ndarray, point: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

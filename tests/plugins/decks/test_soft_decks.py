@@ -104,3 +104,12 @@ def test_the_last_behavior_of_an_interaction_counts(tmp_path):
     soft = pressure(read(folders[1], EXPONENTIAL)[1])
     split = pressure(read(folders[2], EXPONENTIAL.replace(".02, 3.", ".02\n3."))[1])
     assert split == soft < STIFFNESS * MOTION
+
+
+def test_surfaces_without_separation(tmp_path):
+    """They are pulled as springs of the cubes after they have been pressed."""
+    line = "*SURFACE BEHAVIOR, NO SEPARATION, PRESSURE-OVERCLOSURE=HARD"
+    _, scene, output = read(tmp_path, line)
+    assert "hold from the end of the step in which they have pressed" in output
+    assert "law=hhr.NoSeparation()" in (tmp_path / "deck.py").read_text()
+    assert pressure(scene) == pytest.approx(STIFFNESS * MOTION, rel=1e-9)
