@@ -1,4 +1,4 @@
-"""What outputs read of the memory of a law."""
+"""Parts of the memory of a law that outputs read."""
 
 from __future__ import annotations
 

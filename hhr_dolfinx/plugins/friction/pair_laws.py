@@ -215,6 +215,11 @@ class _Deck:
     """Facet ``deck``, see :class:`hhr_dolfinx.plugins.exporters.deck.LawInDeck`."""
 
     def limited(self, law: Tangential) -> bool:
+        """See :class:`hhr_dolfinx.plugins.exporters.deck.LawInDeck`.
+
+        Raises:
+            NotOfferedError: for friction over another law.
+        """
         if law.under is not None:
             raise NotOfferedError(f"a deck of contacts with {law.words} is not built in")
         return law.limit is not None

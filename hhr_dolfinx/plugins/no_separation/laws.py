@@ -13,7 +13,7 @@ from hhr_dolfinx.declared import Integers
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.plugins.contact_laws.ranges import Linearised, RangeSolver, RangeStep, closing
 
-HELD = "held"
+HELD_ONCE = "held"
 """Name of the memory: 1 of conditions that have pressed, 0 of others."""
 NOTHING_FITTED = 1e-3
 """Part of the largest force below which a fitted one counts as none: modes are no closer there."""
@@ -70,15 +70,15 @@ class HeldConditions(ContactLaw):
     @property
     def layout(self) -> dict[str, tuple[str, ...]]:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return {HELD: ("float", "N_lambda")}
+        return {HELD_ONCE: ("float", "N_lambda")}
 
     def stored(self, memory: Memory) -> dict[str, np.ndarray]:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return {HELD: memory[HELD]}
+        return {HELD_ONCE: memory[HELD_ONCE]}
 
     def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return Memory(**{HELD: arrays[HELD]})
+        return Memory(**{HELD_ONCE: arrays[HELD_ONCE]})
 
 
 class HoldingRange(RangeSolver[HeldConditions, Memory]):
@@ -86,7 +86,7 @@ class HoldingRange(RangeSolver[HeldConditions, Memory]):
 
     def at_rest(self) -> Memory:
         """Nothing has pressed."""
-        return Memory(**{HELD: np.zeros(self.law.rows.size)})
+        return Memory(**{HELD_ONCE: np.zeros(self.law.rows.size)})
 
     def step(self, before: Memory, point: np.ndarray, seconds: float) -> HoldingStep:
         """One increment.
@@ -96,7 +96,7 @@ class HoldingRange(RangeSolver[HeldConditions, Memory]):
             point: not read.
             seconds: not read.
         """
-        return HoldingStep(before[HELD] > 0)
+        return HoldingStep(before[HELD_ONCE] > 0)
 
 
 class HoldingStep(RangeStep):
@@ -126,14 +126,14 @@ class HoldingStep(RangeStep):
         return closing(forces, slack, stiffness, np.where(closed, y, 0.0), closed.astype(float))
 
     def after(self, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> Memory:
-        """What has pressed is held from now on.
+        """Conditions that have pressed are held from now on.
 
         Args:
             forces: forces of the rows, (k,).
             slack: not read.
             active: not read.
         """
-        return Memory(**{HELD: (self._held | (forces > 0)).astype(float)})
+        return Memory(**{HELD_ONCE: (self._held | (forces > 0)).astype(float)})
 
     def grazing(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, near: float
