@@ -9,7 +9,9 @@ refuses, so that its reasons come first.
 from __future__ import annotations
 
 REFUSED = {
-    "plugins/contact_laws/interface.py:check_areas": "double_pass+soft_contact double_pass+wear",
+    "plugins/contact_laws/interface.py:check_areas": (
+        "double_pass+gasket double_pass+soft_contact double_pass+wear"
+    ),
     "plugins/shapes/reshaped.py:_check_areas": "own_contact_law+shape",
     "plugins/constraints/couplings.py:equations": "axisymmetric+rigid_motion",
     "plugins/constraints/elimination.py:_check_kept": "directed+preload",
@@ -69,6 +71,9 @@ _EXPORT = _SMALL | {
     "plugins/pages/arrays.py:check_model": (
         "Not built in: a page solves a problem with one B, and where surfaces slide past their "
         "mesh rows are made again in each increment, by searches on both surfaces."
+    ),
+    "plugins/friction/over.py:require_alone": (
+        "Not built in: the kernel's contacts with friction have unilateral pressures."
     ),
     "plugins/pages/laws.py:check_law": (
         "Not built in: the kernel corrects inelastic bodies with one contact problem for each "

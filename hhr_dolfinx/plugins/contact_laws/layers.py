@@ -73,6 +73,17 @@ class StepOfRanges(RangeStep):
             memory = memory | step.after(forces[places], slack[places], active[places])
         return memory
 
+    def after_slip(self, memory: Memory, rubbed: np.ndarray) -> Memory:
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`.
+
+        Args:
+            memory: that of ``after``.
+            rubbed: pressure integrated along the slip of the increment, (k,).
+        """
+        for places, step in self._ranges:
+            memory = memory | step.after_slip(memory, rubbed[places])
+        return memory
+
     def slopes(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray
     ) -> np.ndarray | float:

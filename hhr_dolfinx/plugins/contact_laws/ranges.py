@@ -114,6 +114,15 @@ class RangeStep:
         """
         return NO_MEMORY
 
+    def after_slip(self, memory: Memory, rubbed: np.ndarray) -> Memory:
+        """Memory at the end of an increment in which rows have slipped, under friction.
+
+        Args:
+            memory: that of ``after``.
+            rubbed: pressure integrated along the slip of the increment, stress times length, (k,).
+        """
+        return memory
+
     def slopes(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray
     ) -> np.ndarray | float:

@@ -262,7 +262,8 @@ class FrictionStep(RangeStep):
         normal = self.under.after(
             forces[friction.normal], slack[friction.normal], active[friction.normal]
         )
-        return Memory(slip=slip) | normal
+        rubbed = slip.wear - self.before.wear
+        return Memory(slip=slip) | self.under.after_slip(normal, rubbed)
 
     def slopes(self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
         """Derivatives of the residual by coefficient and limit, (k, P).

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.rows import ContactRows, normals_of
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.pairings.surface import CREASE, Surface
 from hhr_dolfinx.plugins.contact_laws.interface import Range, ranged
 from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
@@ -139,10 +139,17 @@ def _on_slaves(
 
 
 def _of_pressures(law: PairLaw | None) -> PairLaw | None:
-    """The law of the pressures of a pair, alone or beneath friction."""
-    if isinstance(law, Tangential):
-        return law.under
-    return law
+    """The law of the pressures of a pair, alone or beneath friction.
+
+    Raises:
+        NotOfferedError: for one that reads the slip.
+    """
+    under = law.under if isinstance(law, Tangential) else law
+    if getattr(under, "along_slip", False):
+        raise NotOfferedError(
+            "wear along the slip is not built in for pairs that slide by any length"
+        )
+    return under
 
 
 def _pairs(

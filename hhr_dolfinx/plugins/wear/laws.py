@@ -10,6 +10,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.plugins.contact_laws.ranges import Linearised, RangeSolver, RangeStep, closing
 
@@ -19,7 +20,8 @@ WORN = "worn_depth"
 
 @dataclass(frozen=True, eq=False)
 class WornConditions(ContactLaw):
-    """Depth that a condition loses per force and second, (m,); zero where nothing wears.
+    """Depth that a condition loses per force and second, (m,), or per pressure and slip; zero where
+    nothing wears.
 
     The rates are numbers, not parameters, so ``fixed`` is empty.
     """
@@ -29,11 +31,13 @@ class WornConditions(ContactLaw):
     fixed: ClassVar[np.ndarray] = np.zeros(0, dtype=np.int64)  # type: ignore[misc]
 
     rate: Annotated[Floats, "m"]
+    along: Annotated[Floats, "m"]  #: depth per pressure and length of slip, (m,)
     rows: Annotated[Integers, "m"]  #: their numbers among all conditions of the scene, (m,)
 
     def within(self, conditions: np.ndarray) -> WornConditions:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return WornConditions(self.rate[conditions], np.arange(len(conditions)))
+        rows = np.arange(len(conditions))
+        return WornConditions(self.rate[conditions], self.along[conditions], rows)
 
     def among(self, conditions: np.ndarray) -> WornConditions:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
@@ -41,7 +45,7 @@ class WornConditions(ContactLaw):
 
     def parts(self) -> list[str | np.ndarray]:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return [self.rate]
+        return [self.rate, self.along]
 
     def opened(self, memory: Memory) -> np.ndarray:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`: the worn depth is a part of the gap."""
@@ -77,7 +81,7 @@ class WearRange(RangeSolver[WornConditions, Memory]):
             point: parameter at the end, (P,).
             seconds: duration.
         """
-        return WearStep(self.law.rate * seconds, before[WORN])
+        return WearStep(self.law.rate * seconds, before[WORN], self.law.along)
 
 
 class WearStep(RangeStep):
@@ -88,11 +92,13 @@ class WearStep(RangeStep):
     Args:
         depth: depth per force, (k,).
         worn: depth at the start, (k,).
+        along: depth per pressure and slip, (k,), which the next increment knows.
     """
 
-    def __init__(self, depth: np.ndarray, worn: np.ndarray):
+    def __init__(self, depth: np.ndarray, worn: np.ndarray, along: np.ndarray):
         self.shift = worn
         self._depth = depth
+        self._along = along
 
     def linearised(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
@@ -106,8 +112,29 @@ class WearStep(RangeStep):
         """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`."""
         return Memory(**{WORN: self.shift + self._depth * forces})
 
+    def after_slip(self, memory: Memory, rubbed: np.ndarray) -> Memory:
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`.
+
+        Args:
+            memory: depths at the end, but for those of the slip.
+            rubbed: pressure integrated along the slip of the increment, (k,).
+        """
+        return Memory(**{WORN: memory[WORN] + self._along * rubbed})
+
     def carried(
         self, before: np.ndarray, forces: np.ndarray, slack: np.ndarray, active: np.ndarray
     ) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`."""
+        """Derivatives of the depths, (k, P).
+
+        Args:
+            before: those at the start, (k, P).
+            forces: derivatives of the forces, (k, P).
+            slack: not read.
+            active: not read.
+
+        Raises:
+            NotOfferedError: for depths along the slip.
+        """
+        if self._along.any():
+            raise NotOfferedError("derivatives of wear along the slip are not built in")
         return before + self._depth[:, None] * forces

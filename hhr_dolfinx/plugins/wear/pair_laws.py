@@ -31,6 +31,9 @@ class ArchardWear(PairLaw):
     Attributes:
         constant: depth per pressure and length, Archard's k over the hardness; a number.
         speed: sliding speed of the pair, length per second; a number.
+        along_slip: the way is the slip of the pair, which has friction, instead of ``speed``: what
+            an increment wears off opens the gap in the next one.
+        cycles: so many cycles count for one of the path, of wear along the slip.
 
     Example:
         >>> hhr.ArchardWear(constant=1e-8, speed=0.2).words
@@ -42,28 +45,44 @@ class ArchardWear(PairLaw):
 
     constant: float
     speed: float = 1.0
+    along_slip: bool = False
+    cycles: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("constant", "speed"):
+        for name in ("constant", "speed", "cycles"):
             value = getattr(self, name)
             if not is_number(value) or value < 0:
                 raise SceneError(
                     f"the {name} {value!r} of wear must be a number that is not negative"
                 )
-        if not np.isfinite(self.constant * self.speed):
+        if (self.speed if self.along_slip else self.cycles) != 1.0:
+            raise SceneError(
+                "wear has a speed, or along_slip=True and the number of cycles that count for one "
+                "of the path: give one of both"
+            )
+        if not np.isfinite(self.constant * self.speed * self.cycles):
             raise SceneError(f"constant {self.constant!r} times speed {self.speed!r} is too large")
 
     @property
     def words(self) -> str:
         """See :class:`~hhr_dolfinx.contact.law.PairLaw`."""
+        if self.along_slip:
+            return f"wear, {self.constant * self.cycles:g} per pressure and slip"
         return f"wear, {self.constant * self.speed:g} per pressure and second"
 
     def check(self, scene: Any, what: str) -> None:
         """See :class:`~hhr_dolfinx.contact.law.PairLaw`.
 
+        Args:
+            scene: the scene.
+            what: description of the contact for the message.
+
         Raises:
-            SceneError: for an output that reads the gap of the pair by displacements alone.
+            SceneError: for an output that reads the gap of the pair by displacements alone, and for
+                wear along the slip of a pair without friction.
         """
+        if self.along_slip and self in scene.laws:
+            raise SceneError(f"{what} wears along its slip, and has no friction: give it friction=")
         own = [k for k, law in enumerate(scene.laws) if self in (law, getattr(law, "under", None))]
         for output in scene.outputs:
             if isinstance(output, GapAt) and output.contact in own:
@@ -85,7 +104,11 @@ class ArchardWear(PairLaw):
     ) -> tuple[ContactRows, np.ndarray, WornConditions]:
         """See :class:`~hhr_dolfinx.contact.law.PairLaw`: no further rows."""
         check_areas(scene, laws)
-        rates = np.zeros(len(scene.contacts))
+        rates, along = np.zeros((2, len(scene.contacts)))
         for contact, law in laws.items():
-            rates[contact] = law.constant * law.speed
-        return rows, pairs, WornConditions(rates[pairs] / rows.areas, np.arange(pairs.size))
+            if law.along_slip:
+                along[contact] = law.constant * law.cycles
+            else:
+                rates[contact] = law.constant * law.speed
+        numbers = np.arange(pairs.size)
+        return rows, pairs, WornConditions(rates[pairs] / rows.areas, along[pairs], numbers)
