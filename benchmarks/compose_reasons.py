@@ -72,9 +72,6 @@ _EXPORT = _SMALL | {
         "Not built in: a page solves a problem with one B, and where surfaces slide past their "
         "mesh rows are made again in each increment, by searches on both surfaces."
     ),
-    "plugins/friction/over.py:require_alone": (
-        "Not built in: the kernel's contacts with friction have unilateral pressures."
-    ),
     "plugins/pages/laws.py:check_law": (
         "Not built in: the kernel corrects inelastic bodies with one contact problem for each "
         "iterate, by an active set or by friction; laws on ranges are solved there with elastic "

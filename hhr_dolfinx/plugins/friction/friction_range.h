@@ -5,10 +5,14 @@ static inline void model_linear_friction(model_together *t, const double *c, int
     model_slider *p = t->slider;
     for (int contact = 0; contact < MODEL_CONTACTS; contact++) {
         const int first = model_along[contact], last = model_along[contact + 1], normal = model_normal[contact];
+#ifdef MODEL_BENEATH /* laws of the pressures, on ranges before this one */
+        const double borne = t->forces[normal] - t->off[normal];
+#else
         const double y = t->forces[normal] - c[normal] * t->slack[normal], borne = fmax(y, 0);
+        model_close(t, normal, y, c[normal], borne, y > 0);
+#endif
         const double bound = model_bounded(p, contact, borne), probe = probes[attempt];
         double stiff = INFINITY, size = 0, length = 0;
-        model_close(t, normal, y, c[normal], borne, y > 0);
         for (int k = first; k < last; k++) stiff = fmin(stiff, c[model_tangential[k]]);
         for (int k = first; k < last; k++) {
             const int row = model_tangential[k];

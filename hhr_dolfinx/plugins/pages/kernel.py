@@ -76,7 +76,8 @@ def _laws(laws: Laws) -> str:
             "",
         ),
     }
-    text = "\n".join(law.text for law in laws.ranges)
+    text = "#define MODEL_BENEATH\n" if laws.beneath else ""
+    text += "\n".join(law.text for law in laws.ranges)
     for name, (result, arguments, passed, nothing) in calls.items():
         words = ["law", *(argument.split()[-1].lstrip("*") for argument in arguments.split(","))]
         text += f"\nstatic inline {result} model_law_{name}(int law, {arguments}) {{\n    "

@@ -4,7 +4,8 @@ their rows.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -17,7 +18,7 @@ from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.plugins.pages.packing import Json, Packed, steps_of
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.contact_laws.interface import Interface
+    from hhr_dolfinx.plugins.contact_laws.interface import Interface, Range
 
 
 class LawOnPage(Protocol):
@@ -35,6 +36,13 @@ class LawOnPage(Protocol):
         Args:
             law: the contact law.
             arrays: packed arrays, to which those of the tree are added.
+        """
+
+    def beneath(self, law: ContactLaw) -> Sequence[Range]:
+        """Laws that give the forces which the law reads, on some of its conditions.
+
+        Args:
+            law: the contact law.
         """
 
 
@@ -59,6 +67,7 @@ class Laws(NamedTuple):
 
     part: LawOnPage | None
     ranges: tuple[LawInC, ...]
+    beneath: bool = False  #: whether some of these are beneath the part
 
 
 def laws_of(law: ContactLaw, what: str) -> Laws:
@@ -75,14 +84,17 @@ def laws_of(law: ContactLaw, what: str) -> Laws:
         return Laws(None, ())
     if _alone(law):
         return Laws(_facet(law, "page", what), ())
-    law_alone = None
+    law_alone: LawOnPage | None = None
+    beneath: Sequence[Range] = ()
     laws_in_c: dict[str, LawInC] = {}
     for law_range in _interface(law, 0).ranges:
         if law_range.law.plugin and _alone(law_range.law):
             law_alone = _facet(law_range.law, "page", what)
-        elif law_range.law.plugin:
+            beneath = law_alone.beneath(law_range.law)
+    for law_range in (*beneath, *_interface(law, 0).ranges):
+        if law_range.law.plugin and not _alone(law_range.law):
             laws_in_c[law_range.law.plugin] = _facet(law_range.law, "kernel", what)
-    return Laws(law_alone, tuple(laws_in_c.values()))
+    return Laws(law_alone, tuple(laws_in_c.values()), bool(beneath))
 
 
 def check_law(law: ContactLaw, what: str, *, flows: bool) -> None:
@@ -123,7 +135,7 @@ def law_tree(law: ContactLaw, count: int, arrays: Packed) -> dict[str, Json]:
     }
     tree: dict[str, Json] = {}
     entries = []
-    for number, law_range in enumerate(interface.ranges):
+    for number, law_range in enumerate(_in_turn(interface)):
         name = f"range{number}"
         entry: dict[str, Json] = {
             "rows": arrays.put(f"{name}_rows", law_range.rows, "<i4"),
@@ -148,6 +160,16 @@ def law_tree(law: ContactLaw, count: int, arrays: Packed) -> dict[str, Json]:
         entry["numbers"] = arrays.put(f"{name}_numbers", values)
         entries.append(entry)
     return tree | {"ranges": {"items": entries, "remembers": interface.path_dependent}}
+
+
+def _in_turn(interface: Interface) -> Iterator[Range]:
+    """Ranges of the kernel: those beneath a law before it."""
+    for law_range in interface.ranges:
+        if law_range.law.plugin and _alone(law_range.law):
+            law_on_page: LawOnPage = _facet(law_range.law, "page", "a page")
+            for under in law_on_page.beneath(law_range.law):
+                yield replace(under, rows=law_range.rows[under.rows])
+        yield law_range
 
 
 def _alone(law: ContactLaw) -> bool:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hhr_dolfinx.errors import NotOfferedError
+
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
     from hhr_dolfinx.plugins.wear.laws import WornConditions
@@ -40,7 +42,12 @@ class WearKernel:
 
         Args:
             law: the law of all rows.
+
+        Raises:
+            NotOfferedError: for wear along the slip.
         """
+        if law.along.any():
+            raise NotOfferedError("a page or C of wear along the slip is not built in")
         return law.rate[:, None]
 
     def formulas(self, law: WornConditions) -> Sequence[Scalar]:

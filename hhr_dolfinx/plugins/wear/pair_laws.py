@@ -83,7 +83,11 @@ class ArchardWear(PairLaw):
         """
         if self.along_slip and self in scene.laws:
             raise SceneError(f"{what} wears along its slip, and has no friction: give it friction=")
-        own = [k for k, law in enumerate(scene.laws) if self in (law, getattr(law, "under", None))]
+        own = [
+            k
+            for k, contact in enumerate(scene.contacts)
+            if any(value is self for value in vars(contact).values())
+        ]
         for output in scene.outputs:
             if isinstance(output, GapAt) and output.contact in own:
                 raise SceneError(

@@ -12,7 +12,7 @@ from projected_forces import Reference
 from stacked_pairs import PATH, stacked
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.errors import SceneError
 
 pytestmark = [needs("soft_contact", "wear", "gaskets")]
 STIFFNESS = 40.0
@@ -147,17 +147,22 @@ def test_other_combinations_are_refused():
         hhr.condense(rubbing(hhr.Coulomb(0.1)))
 
 
-@needs("pages", "exporters")
-def test_pages_and_c_are_refused(tmp_path):
-    from hhr_dolfinx.plugins.exporters.c_header import write_c_header
-    from hhr_dolfinx.plugins.pages.scenery_of import scenery_of
+@needs("conformance", "exporters", "no_separation")
+@pytest.mark.parametrize("friction", [0.3, hhr.Tresca(0.01)])
+@pytest.mark.parametrize("name", [*LAWS, "holds"])
+def test_c_has_the_forces_of_python(name, friction):
+    """In steps of a second along a path that turns, beside pairs with friction alone."""
+    from hhr_dolfinx.plugins.conformance.in_c import compilable, in_c
 
-    full = hhr.FullOrderModel(rubbing(LAWS["soft"]), MPI.COMM_SELF)
-    model = hhr.condense(full)
-    with pytest.raises(NotOfferedError, match="friction over soft contact"):
-        hhr.write_model_page(tmp_path / "page.html", model, scenery_of(full))
-    with pytest.raises(NotOfferedError, match="friction over soft contact"):
-        write_c_header(tmp_path / "model.h", model)
+    if not compilable("wear"):
+        pytest.skip("no compiler is there")
+    law = LAWS.get(name) or hhr.NoSeparation()
+    model = hhr.condense(rubbing(law, friction=friction, wall=hhr.Coulomb(0.1)))
+    path = [(float(k), point) for k, (_, point) in enumerate(PATH)]
+    exact = np.array([answer.multipliers for answer in model.march(path).answers])
+    found = in_c(model, path)
+    assert not isinstance(found, str), found
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-10 * np.abs(exact).max())
 
 
 @pytest.mark.parametrize("name", ["soft", "wears"])

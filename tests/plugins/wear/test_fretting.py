@@ -175,3 +175,9 @@ def test_pairs_that_slide_by_any_length_are_refused():
     sliding = dataclasses.replace(scene, contacts=(surfaces,), outputs=())
     with pytest.raises(NotOfferedError, match="along the slip"):
         hhr.slide(sliding)
+
+
+def test_gaps_of_worn_pairs_under_friction_are_not_read_alone():
+    scene = dataclasses.replace(pad(), outputs=(hhr.GapAt("gap", 0, (0.5, 1.0)),))
+    with pytest.raises(SceneError, match="without what is worn"):
+        hhr.condense(scene)
