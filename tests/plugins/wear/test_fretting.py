@@ -178,6 +178,6 @@ def test_pairs_that_slide_by_any_length_are_refused():
 
 
 def test_gaps_of_worn_pairs_under_friction_are_not_read_alone():
-    scene = dataclasses.replace(pad(), outputs=(hhr.GapAt("gap", 0, (0.5, 1.0)),))
+    read = (hhr.GapAt("gap", 0, (0.5, 1.0)),)
     with pytest.raises(SceneError, match="without what is worn"):
-        hhr.condense(scene)
+        dataclasses.replace(pad(), outputs=read)
