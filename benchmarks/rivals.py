@@ -307,13 +307,16 @@ def write_page(scenes: dict[str, dict[str, dict[str, Any]]], page: Path) -> None
 def main() -> None:
     """Measure scenes, print their tables, write the report, and the page if asked."""
     parser = cli.demo_parser("rivals", __doc__)
-    parser.add_argument("--only", action="append", help="scenes to measure [all]")
+    parser.add_argument("--only", action="append", help="a scene to measure; repeat it [all]")
     parser.add_argument(
         "--docs", type=Path, nargs="?", const=PAGE, help="write the page of the report [docs]"
     )
     options = cli.parse_on_first_rank(parser)
     scenes = _known(options.out)
-    for name, case in cases(options.quick).items():
+    known = cases(options.quick)
+    if wrong := sorted({*(options.only or ())} - known.keys()):
+        parser.error(f"no scene is called {', '.join(wrong)}: name one of {', '.join(known)}")
+    for name, case in known.items():
         if options.only and name not in options.only:
             continue
         with ignored(Warning):
