@@ -29,14 +29,12 @@ from scipy import linalg
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statuses, active_set
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer, ElasticFields, Meshed, found_as
-from hhr_dolfinx.models.model import AnsweringModel
-from hhr_dolfinx.plugins.rivals.projection import check_elastic
+from hhr_dolfinx.plugins.rivals.projection import RivalModel, check_elastic
 from hhr_dolfinx.plugins.studies.study import Rival
 
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Theta
     from hhr_dolfinx.full_order.full import FullOrderModel
-    from hhr_dolfinx.models.answer import CheckedStart
     from hhr_dolfinx.study.training.train import Training
 
 WRONG_PART = 1e-9
@@ -174,7 +172,7 @@ def _negative(values: np.ndarray, sizes: np.ndarray) -> bool:
     return bool((values < -WRONG_PART * sizes).any())
 
 
-class BoxwiseModel(AnsweringModel):
+class BoxwiseModel(RivalModel):
     """Exact answers by the uncertain conditions of the box of each point.
 
     Args:
@@ -190,10 +188,10 @@ class BoxwiseModel(AnsweringModel):
     """
 
     def __init__(self, full: FullOrderModel, most: int):
-        check_elastic(full, "condensation by boxes")
+        check_elastic(full, "condensation by boxes", one_stiffness=True)
         problem = full.problem
-        if problem.varies or problem.amplitudes.nonaffine:
-            raise NotOfferedError("boxes are for affine loads and gaps, and one stiffness")
+        if problem.amplitudes.nonaffine:
+            raise NotOfferedError("boxes are for affine loads and gaps")
         self.parameters = space = full.parameters
         self.fallbacks = 0
         self._full = full
@@ -231,11 +229,8 @@ class BoxwiseModel(AnsweringModel):
         """Boxes, and most uncertain conditions of one."""
         return len(self._boxes), max(len(box.uncertain) for box in self._boxes.values())
 
-    def _answered(
-        self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool
-    ) -> Answer:
-        if gradient:
-            raise NotOfferedError("rivals have no gradients: ask the full model")
+    def answered(self, point: np.ndarray) -> Answer:
+        """See :class:`~hhr_dolfinx.plugins.rivals.projection.RivalModel`."""
         problem = self._full.problem
         place = (point - self._low) / self._width
         first = np.clip(place.astype(int), 0, self._sides - 1)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import linalg
 from scipy.optimize import minimize
 
-from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.plugins.rivals.projection import check_elastic
 from hhr_dolfinx.plugins.rivals.regression import Coefficients, Predict, Regression, scaled
 from hhr_dolfinx.plugins.studies.study import Rival
 
@@ -43,8 +43,7 @@ def informed_network(training: Training) -> Iterator[Rival]:
 
 def _made(training: Training) -> Regression:
     full = training.full_order
-    if full.equilibrium is None and full.problem.varies:
-        raise NotOfferedError("the equations of the network have one K: moduli are parameters")
+    check_elastic(full, "a physics-informed network", one_stiffness=True)
     return Regression(training, partial(_informed, training))
 
 

@@ -19,12 +19,12 @@ from scipy import linalg
 from scipy.sparse import linalg as sparse_linalg
 
 from hhr_dolfinx.contact.active_set import Status, Statuses
-from hhr_dolfinx.errors import NotOfferedError, ReductionError
+from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.answer import Answer, found_as
-from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.plugins.rivals.cones import DUAL_COUNTS, MOST_MODES, touching
 from hhr_dolfinx.plugins.rivals.projection import (
     ConeFields,
+    RivalModel,
     check_elastic,
     displacement_modes,
     whole,
@@ -36,7 +36,6 @@ from hhr_dolfinx.reduction.projection import project
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
-    from hhr_dolfinx.models.answer import CheckedStart
     from hhr_dolfinx.study.training.train import Training
 
 PENALTY_FACTOR = 1000.0
@@ -76,7 +75,7 @@ def _made(training: Training, method: str, count: int, *, nitsche: bool) -> Prim
     return PrimalModel(full, basis, modes, nitsche=nitsche)
 
 
-class PrimalModel(AnsweringModel):
+class PrimalModel(RivalModel):
     """Galerkin model whose contact forces are interpolated from few conditions.
 
     Args:
@@ -94,10 +93,8 @@ class PrimalModel(AnsweringModel):
     def __init__(
         self, full: FullOrderModel, basis: np.ndarray, modes: np.ndarray, *, nitsche: bool
     ):
-        check_elastic(full, "interpolated contact")
+        check_elastic(full, "interpolated contact", one_stiffness=True)
         problem = full.problem
-        if problem.varies:
-            raise NotOfferedError("interpolated contact has one stiffness: moduli are parameters")
         self.parameters = full.parameters
         nodes = deim(modes)
         #: forces on all conditions from those at the nodes, (N_lambda, r)
@@ -122,11 +119,8 @@ class PrimalModel(AnsweringModel):
         """Modes, and nodes of interpolation."""
         return self._push.shape
 
-    def _answered(
-        self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool
-    ) -> Answer:
-        if gradient:
-            raise NotOfferedError("rivals have no gradients: ask the full model")
+    def answered(self, point: np.ndarray) -> Answer:
+        """See :class:`~hhr_dolfinx.plugins.rivals.projection.RivalModel`."""
         theta = self._problem.amplitudes(point)
         loads = self._loads @ theta
         shift = self._shift @ theta

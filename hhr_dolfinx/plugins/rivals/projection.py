@@ -42,8 +42,32 @@ gaps.
 """
 
 
-def check_elastic(full: FullOrderModel, what: str) -> None:
+class RivalModel(AnsweringModel):
+    """Base of models of other authors, which have no gradients, and start from nothing."""
+
+    def answered(self, point: np.ndarray) -> Answer:
+        """Answer to a point, (P,).
+
+        Raises:
+            NotImplementedError: a model must state it.
+        """
+        raise NotImplementedError
+
+    def _answered(
+        self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool
+    ) -> Answer:
+        if gradient:
+            raise NotOfferedError("rivals have no gradients: ask the full model")
+        return self.answered(point)
+
+
+def check_elastic(full: FullOrderModel, what: str, *, one_stiffness: bool = False) -> None:
     """Check that a scene is one of rivals: elastic bodies, contacts without memory, one mesh.
+
+    Args:
+        full: full model of the scene.
+        what: name of the rival, for messages.
+        one_stiffness: True for a rival that is not there with moduli as parameters.
 
     Raises:
         NotOfferedError: with the reason.
@@ -56,6 +80,7 @@ def check_elastic(full: FullOrderModel, what: str) -> None:
         "shapes of bodies are parameters": problem.reshaped is not None,
         "contact alone holds bodies": problem.kernel is not None,
         "a contact has another law": problem.law.plugins != (),
+        "moduli are parameters, and it has one K": one_stiffness and problem.varies,
     }
     for reason, holds in reasons.items():
         if holds:
@@ -88,17 +113,14 @@ def with_supremizers(full: FullOrderModel, basis: np.ndarray, cone: np.ndarray) 
     Raises:
         NotOfferedError: if the stiffness depends on parameters: a supremizer belongs to one.
     """
-    if full.problem.varies:
-        raise NotOfferedError(
-            "supremizers need a constant stiffness, and moduli are parameters here"
-        )
+    check_elastic(full, "a basis with supremizers", one_stiffness=True)
     supremizers = full.per_force @ cone
     supremizers /= np.linalg.norm(supremizers, axis=0)
     joined: np.ndarray = linalg.qr(np.hstack([basis, supremizers]), mode="economic")[0]
     return joined
 
 
-class ConeModel(AnsweringModel):
+class ConeModel(RivalModel):
     """Galerkin model whose contact forces lie in a cone.
 
     Args:
@@ -156,11 +178,8 @@ class ConeModel(AnsweringModel):
         """Modes, and functions of the cone."""
         return self._rows.shape[1], self._rows.shape[0]
 
-    def _answered(
-        self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool
-    ) -> Answer:
-        if gradient:
-            raise NotOfferedError("rivals have no gradients: ask the full model")
+    def answered(self, point: np.ndarray) -> Answer:
+        """See :class:`RivalModel`."""
         whitened = self._constant
         if whitened is None:
             whitened = self._whitened(self._reduced.weighted(self._problem.weights(point)))

@@ -16,15 +16,13 @@ import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.contact.active_set import Status, Statuses
-from hhr_dolfinx.errors import NotOfferedError, ReductionError
+from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.answer import Answer, found_as
-from hhr_dolfinx.models.model import AnsweringModel
-from hhr_dolfinx.plugins.rivals.projection import ConeFields, check_elastic
+from hhr_dolfinx.plugins.rivals.projection import ConeFields, RivalModel, check_elastic
 from hhr_dolfinx.plugins.studies.study import Rival
 from hhr_dolfinx.reduction.modes import pod
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import CheckedStart
     from hhr_dolfinx.parameters import ParameterSpace
     from hhr_dolfinx.study.training.train import Training
 
@@ -91,7 +89,7 @@ class Coefficients:
         return self.mean + self.scale * values
 
 
-class Regression(AnsweringModel):
+class Regression(RivalModel):
     """Displacements and forces of a regression; no contact condition is imposed.
 
     Args:
@@ -121,11 +119,8 @@ class Regression(AnsweringModel):
         """Modes of displacements and of forces."""
         return self._displacements.modes.shape[1], self._forces.modes.shape[1]
 
-    def _answered(
-        self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool
-    ) -> Answer:
-        if gradient:
-            raise NotOfferedError("rivals have no gradients: ask the full model")
+    def answered(self, point: np.ndarray) -> Answer:
+        """See :class:`~hhr_dolfinx.plugins.rivals.projection.RivalModel`."""
         found = self._predict(scaled(self.parameters, point[None]))[0]
         count = self.sizes[0]
         unknown = self._displacements.rebuilt(found[:count])
