@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 from hhr_dolfinx.command.loading import scene_of
 
-pytestmark = needs("floating")
+pytestmark = needs("floating", "soft_contact")
 STIFFNESS = 500.0
 """Of two cubes of modulus 1000 on each other: pressure over the motion that they share."""
 MOTION = 0.05
@@ -59,6 +59,7 @@ def test_a_linear_curve_stays_hard_and_its_line_is_the_law(tmp_path):
     assert pressure(scene_of(str(file))) == pytest.approx(soft, rel=1e-9)
 
 
+@needs("friction")
 @pytest.mark.parametrize(("line", "friction"), [
     ("*FRICTION\n.3, 1e5", "friction=0.3"),
     ("*FRICTION, TAUMAX=5.\n.3, 1e5", "friction=hhr.Coulomb(0.3, 5.0)"),
@@ -106,6 +107,7 @@ def test_the_last_behavior_of_an_interaction_counts(tmp_path):
     assert split == soft < STIFFNESS * MOTION
 
 
+@needs("no_separation")
 def test_surfaces_without_separation(tmp_path):
     """They are pulled as springs of the cubes after they have been pressed."""
     line = "*SURFACE BEHAVIOR, NO SEPARATION, PRESSURE-OVERCLOSURE=HARD"

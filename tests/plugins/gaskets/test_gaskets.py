@@ -143,6 +143,7 @@ def test_the_contract_finds_a_memory_that_gradients_leave_out(monkeypatch):
         check_contact_law(GASKETS["by sets"])
 
 
+@needs("soft_contact")
 def test_a_gasket_that_does_not_yield_is_soft_contact():
     hard = hhr.GasketLayer([(0, 0), (1, 2.0)])
     soft = hhr.SoftContact(stiffness=2.0)

@@ -57,7 +57,7 @@ def test_what_pulls_is_no_fault_of_an_answer():
     assert found.sign == 0 and found.penetration < 1e-12 and found.equilibrium < 1e-10
 
 
-@pytest.mark.parametrize("friction", [None, 0.3])
+@pytest.mark.parametrize("friction", [None, pytest.param(0.3, marks=needs("friction"))])
 def test_forces_are_those_of_projections(friction):
     """Two blocks that are pressed, turned and pulled, with friction over it: no Newton method."""
     box = hhr.ParameterSpace(("push", "slide"), (-0.3, -0.2), (0.3, 0.2))
