@@ -280,7 +280,10 @@ def joint(
 
 
 class OverLaws:
-    """Mark of a law that reads the forces of others on its rows, so that ranges solve it."""
+    """Base of a law that reads the forces of others on its rows, so that ranges solve it."""
+
+    under: Interface  #: laws of some of its rows
+    normal: np.ndarray  #: these rows, (C,)
 
 
 def _solves_itself(law: ContactLaw) -> bool:

@@ -273,7 +273,7 @@ class RangesIncrements:
             )
         if contact.kernel is not None:
             right[m:] = contact.kernel.drift(found.forces, unknown) * target.weights
-        forces, motions = np.split(ranges.solved(linearisations, right), [m])
+        forces, motions = np.split(ranges.slopes(linearisations, right), [m])
         slack = of_slack + ranges.schur @ forces - ranges.motions @ motions
         changes = before.changes.copy()
         for rows, step in zip(self.laws.rows, steps, strict=True):

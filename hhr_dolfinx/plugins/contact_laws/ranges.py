@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 import numpy as np
+from scipy import linalg
 
 from hhr_dolfinx.contact.active_set import OTHER_PAIRS_ROUND_OFF, Status
 from hhr_dolfinx.errors import NotSolvableError
@@ -323,7 +324,7 @@ def closing(
         1.0 - slope,
         slope * stiffness,
         right,
-        touching.tobytes(),
+        slope.tobytes(),  # a curve of segments may come back to a status on another one
         touching | (projection > 0),
     )
 
@@ -514,12 +515,18 @@ class Ranges:
             for rows, step in pairs
         ]
 
-    def solved(self, parts: Sequence[Linearised], right: np.ndarray) -> np.ndarray:
+    def solved(
+        self,
+        parts: Sequence[Linearised],
+        right: np.ndarray,
+        solver: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.linalg.solve,
+    ) -> np.ndarray:
         """Forces and motions that solve P x + Q (S x - G a) = right, G^T x = driving, (M + r, ...).
 
         Args:
             parts: linearised law of each range.
             right: right-hand sides, (M + r, ...).
+            solver: solves a linear system.
 
         Raises:
             LinAlgError: if they are undetermined.
@@ -543,10 +550,23 @@ class Ranges:
         coupled = np.flatnonzero(~alone)
         nonzero = np.flatnonzero(solution.any(axis=1) if solution.ndim > 1 else solution)
         system = matrix[coupled]
-        solution[coupled] = np.linalg.solve(
+        solution[coupled] = solver(
             system[:, coupled], right[coupled] - system[:, nonzero] @ solution[nonzero]
         )
         return solution
+
+    def slopes(self, parts: Sequence[Linearised], right: np.ndarray) -> np.ndarray:
+        """As :meth:`solved`; motions that nothing determines, as of bodies without contact, are the
+        smallest, (M + r, P).
+
+        Args:
+            parts: linearised law of each range.
+            right: right-hand sides, (M + r, P).
+        """
+        try:
+            return self.solved(parts, right)
+        except np.linalg.LinAlgError:
+            return self.solved(parts, right, lambda matrix, b: linalg.lstsq(matrix, b)[0])
 
     def _newton(
         self,
@@ -577,7 +597,7 @@ class Ranges:
             slack = free + self.schur @ forces - self.motions @ motions
             linearisations = self.linearised(slack, steps, forces, self.stiffness, attempt)
             off, noise = self._off(linearisations, free, forces, motions)
-            if (off <= noise).all() and self._balanced(forces, driving):
+            if (off <= noise).all() and self._balanced(forces, driving, free):
                 active = np.zeros(len(forces), dtype=bool)
                 for rows, linearised in zip(self.rows, linearisations, strict=True):
                     active[rows] = linearised.active
@@ -627,13 +647,15 @@ class Ranges:
             noise[rows] += PROJECTION_TOLERANCE * size[rows].max(initial=0.0)
         return off, noise
 
-    def _balanced(self, forces: np.ndarray, driving: np.ndarray) -> bool:
+    def _balanced(self, forces: np.ndarray, driving: np.ndarray, free: np.ndarray) -> bool:
         if not driving.size:
             return True
-        sizes = np.abs(driving) + np.abs(forces) @ np.abs(self.motions)
-        return bool(
-            (np.abs(driving - forces @ self.motions) <= BALANCED_RANGES * sizes.max()).all()
-        )
+        ways = np.abs(self.motions)
+        sizes = np.abs(driving) + np.abs(forces) @ ways
+        # without loads forces are round-off of those that would close the gaps
+        nothing = EPSILON * (self.stiffness * np.abs(free)) @ ways
+        admitted = np.maximum(BALANCED_RANGES * sizes.max(), nothing)
+        return bool((np.abs(driving - forces @ self.motions) <= admitted).all())
 
     def _projected(
         self, free: np.ndarray, steps: Sequence[RangeStep], forces: np.ndarray, count: int
@@ -679,7 +701,7 @@ class Ranges:
                     return outcome._replace(motions=ends)
                 forces = sprung.forces
                 ends = ends + springs * (driving - forces @ self.motions)
-                if self._balanced(forces, driving):
+                if self._balanced(forces, driving, free):
                     return outcome._replace(motions=ends)
                 outcome = outcome.followed(self._newton(free, steps, forces, ends, driving), 0)
                 if outcome.status is Status.CONVERGED:

@@ -15,6 +15,10 @@ PLUGIN = Plugin(
         f"{_HERE}.outputs": "Closed",
     },
     memory=("gasket_closure", "largest_closure"),
-    facets={"range": f"{_HERE}.laws:GasketRange", "kernel": f"{_HERE}.kernel:GASKET_KERNEL"},
+    facets={
+        "report": f"{_HERE}.fields:REPORT",
+        "range": f"{_HERE}.laws:GasketRange",
+        "kernel": f"{_HERE}.kernel:GASKET_KERNEL",
+    },
     switches={f"{_HERE}.switches": "gasket"},
 )

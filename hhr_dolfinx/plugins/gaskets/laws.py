@@ -10,7 +10,7 @@ import numpy as np
 
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.memory import Memory
-from hhr_dolfinx.plugins.contact_laws.curve_pairs import CurveConditions, CurvesStep
+from hhr_dolfinx.plugins.contact_laws.curve_pairs import CurveConditions, CurvesStep, straight
 from hhr_dolfinx.plugins.contact_laws.ranges import Linearised, RangeSolver, closing, resolvent
 from hhr_dolfinx.plugins.gaskets.behaviour import GasketCurve
 
@@ -57,11 +57,14 @@ class GasketLayers(CurveConditions):
         return replace(self, rows=conditions)
 
     def opened(self, memory: Memory) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`: the gap of what presses is that of the
-        gasket.
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`: gaps are those to the gasket, as its
+        set leaves it.
         """
-        closure = memory[CLOSURE]
-        return np.where(closure > 0, closure - self.reach, 0.0)
+        left = np.zeros(self.number.size)
+        for number, curve in enumerate(self.curves):
+            rows = self.number == number
+            left[rows] = straight(memory[LARGEST_CLOSURE][rows], curve.closures, curve.sets)[0]
+        return np.maximum(memory[CLOSURE], left) - self.reach
 
     @property
     def layout(self) -> dict[str, tuple[str, ...]]:

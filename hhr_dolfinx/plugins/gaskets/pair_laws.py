@@ -60,6 +60,14 @@ class GasketLayer(CurvePair):
                 raise SceneError(
                     f"the {name} {value!r} of a gasket must be a number that is not negative"
                 )
+        for name in ("loading", "unloading"):  # equal and hashable, as arrays and lists are not
+            if (table := getattr(self, name)) is not None:
+                try:
+                    object.__setattr__(self, name, tuple(map(tuple, table)))
+                except TypeError:
+                    raise SceneError(
+                        f"the {name} of a gasket needs points of two numbers"
+                    ) from None
         self._points()
 
     @property

@@ -10,6 +10,10 @@ PLUGIN = Plugin(
     public={f"{_HERE}.pair_laws": "NoSeparation"},
     classes={f"{_HERE}.laws": "HeldConditions"},
     memory=("held",),
-    facets={"range": f"{_HERE}.laws:HoldingRange", "kernel": f"{_HERE}.kernel:HOLDING_KERNEL"},
+    facets={
+        "report": f"{_HERE}.fields:REPORT",
+        "range": f"{_HERE}.laws:HoldingRange",
+        "kernel": f"{_HERE}.kernel:HOLDING_KERNEL",
+    },
     switches={f"{_HERE}.switches": "no_separation"},
 )

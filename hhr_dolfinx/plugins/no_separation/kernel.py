@@ -19,8 +19,7 @@ static inline double model_no_separation_shift(const model_own *own) {
 
 static inline double model_no_separation_projection(const model_own *own, double y, double c,
                                                     double *slope) {
-    (void)c;
-    *slope = own->memory[0] > 0 || y > 0;
+    *slope = own->memory[0] > 0 || y > c * own->numbers[0];
     return *slope * y;
 }
 
@@ -40,12 +39,12 @@ class HoldingKernel:
     text = _TEXT
 
     def numbers(self, law: HeldConditions) -> np.ndarray:
-        """None of each row, (k, 0).
+        """Overlap from which on each row presses, (k, 1).
 
         Args:
             law: the law of all rows.
         """
-        return np.zeros((law.rows.size, 0))
+        return law.least[:, None]
 
     def formulas(self, law: HeldConditions) -> Sequence[Scalar]:
         """None.

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from hhr_dolfinx.contact.law import ContactLaw
-from hhr_dolfinx.declared import Integers
+from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.plugins.contact_laws.ranges import Linearised, RangeSolver, RangeStep, closing
 
@@ -17,6 +17,8 @@ HELD_ONCE = "held"
 """Name of the memory: 1 of conditions that have pressed, 0 of others."""
 NOTHING_FITTED = 1e-3
 """Part of the largest force below which a fitted one counts as none: modes are no closer there."""
+ROUND_OFF_OVERLAP = 1e-12
+"""Overlap over the size of the mesh up to which surfaces that touch have not pressed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +34,12 @@ class HeldConditions(ContactLaw):
     reshapes: ClassVar[bool] = True
     fixed: ClassVar[np.ndarray] = np.zeros(0, dtype=np.int64)  # type: ignore[misc]
 
+    least: Annotated[Floats, "m"]  #: overlap without contact from which on they press, (m,)
     rows: Annotated[Integers, "m"]  #: their numbers among all conditions of the scene, (m,)
 
     def within(self, conditions: np.ndarray) -> HeldConditions:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return HeldConditions(np.arange(conditions.size))
+        return HeldConditions(self.least[conditions], np.arange(conditions.size))
 
     def among(self, conditions: np.ndarray) -> HeldConditions:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
@@ -44,7 +47,7 @@ class HeldConditions(ContactLaw):
 
     def parts(self) -> list[str | np.ndarray]:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return [self.name, np.array([self.rows.size])]
+        return [self.least]
 
     def pulling(self, count: int) -> np.ndarray:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`: all."""
@@ -96,7 +99,7 @@ class HoldingRange(RangeSolver[HeldConditions, Memory]):
             point: not read.
             seconds: not read.
         """
-        return HoldingStep(before[HELD_ONCE] > 0)
+        return HoldingStep(before[HELD_ONCE] > 0, self.law.least)
 
 
 class HoldingStep(RangeStep):
@@ -104,16 +107,19 @@ class HoldingStep(RangeStep):
 
     Args:
         held: conditions that have pressed before, (k,) bool.
+        least: overlap from which on others press, (k,).
     """
 
-    def __init__(self, held: np.ndarray):
+    def __init__(self, held: np.ndarray, least: np.ndarray):
+        self._least = least
         self.shift = np.zeros(held.size)
         self._held = held
 
     def linearised(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
     ) -> Linearised:
-        """The projection of y = x - c s is y of held conditions, and max(0, y) of others.
+        """The projection of y = x - c s is y of held conditions, and max(0, y) of others, where
+        round-off is no force.
 
         Args:
             forces: forces of the rows, (k,).
@@ -122,7 +128,7 @@ class HoldingStep(RangeStep):
             attempt: not read.
         """
         y = forces - stiffness * slack
-        closed = self._held | (y > 0)
+        closed = self._held | (y > stiffness * self._least)
         return closing(forces, slack, stiffness, np.where(closed, y, 0.0), closed.astype(float))
 
     def after(self, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> Memory:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from hhr_dolfinx.contact.law import MeshArrays, PairLaw
-from hhr_dolfinx.plugins.no_separation.laws import HeldConditions
+from hhr_dolfinx.plugins.no_separation.laws import ROUND_OFF_OVERLAP, HeldConditions
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
@@ -63,6 +63,8 @@ class NoSeparation(PairLaw):
             scene: scene of the contacts.
             rows: conditions of the pressures.
             pairs: contact pair of each of them, (m,).
-            free, lifts, mesh: not read.
+            free, lifts: not read.
+            mesh: nodes and cells.
         """
-        return rows, pairs, HeldConditions(np.arange(pairs.size))
+        least = ROUND_OFF_OVERLAP * float(np.ptp(mesh.points, axis=0).max())
+        return rows, pairs, HeldConditions(np.full(pairs.size, least), np.arange(pairs.size))

@@ -13,6 +13,10 @@ PLUGIN = Plugin(
         f"{_HERE}.curves": "LinearCurve ExponentialCurve TabularCurve",
     },
     memory=("overclosure",),
-    facets={"range": f"{_HERE}.laws:SoftRange", "kernel": f"{_HERE}.kernel:KERNEL"},
+    facets={
+        "report": f"{_HERE}.fields:REPORT",
+        "range": f"{_HERE}.laws:SoftRange",
+        "kernel": f"{_HERE}.kernel:KERNEL",
+    },
     switches={f"{_HERE}.switches": "soft_contact"},
 )

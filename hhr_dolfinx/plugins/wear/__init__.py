@@ -11,6 +11,10 @@ PLUGIN = Plugin(
     parts={"outputs": {f"{_HERE}.outputs": "WornDepth WornVolume"}},
     classes={f"{_HERE}.laws": "WornConditions", f"{_HERE}.outputs": "Worn"},
     memory=("worn_depth",),
-    facets={"range": f"{_HERE}.laws:WearRange", "kernel": f"{_HERE}.kernel:WEAR_KERNEL"},
+    facets={
+        "report": f"{_HERE}.fields:REPORT",
+        "range": f"{_HERE}.laws:WearRange",
+        "kernel": f"{_HERE}.kernel:WEAR_KERNEL",
+    },
     switches={f"{_HERE}.switches": "wear"},
 )

@@ -291,3 +291,23 @@ def test_soft_cubes_that_stick_are_those_of_calculix(tmp_path):
     found = answer.outputs()
     assert [found["x"], found["z"]] == pytest.approx([theirs[0], theirs[2]], rel=2e-3)
     assert answer.slip.counted()["contacts that slip"] == 0
+
+
+@needs("plots")
+@pytest.mark.parametrize(("name", "field"), [
+    ("soft", "overclosure"), ("wears", "worn_depth"), ("gasket", "largest_closure"),
+    ("holds", "held"),
+])  # fmt: skip
+def test_fields_for_viewers(name, field, tmp_path):
+    """Memories of the laws at the slave nodes, alone and beneath friction."""
+    pyvista = pytest.importorskip("pyvista")
+    for friction in (None, 0.3):
+        full = hhr.FullOrderModel(rubbing(LAWS[name](), friction=friction), MPI.COMM_SELF)
+        answer = full.march(PATH[:2]).answers[-1]
+        target = tmp_path / f"{name}{friction}.vtu"
+        hhr.write_fields(target, full, answer)
+        written = pyvista.read(target).point_data[field]
+        known = answer.memory[field]
+        slaves = full.problem.contact_slaves[: known.size]
+        np.testing.assert_allclose(written[slaves], known)
+        assert np.count_nonzero(written) == np.count_nonzero(known) > 0

@@ -155,6 +155,24 @@ def test_a_gasket_that_does_not_yield_is_soft_contact():
     np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-14)
 
 
+def test_gaps_are_those_to_the_gasket_as_it_is_left():
+    """Untouched, pressed, and set."""
+    full = hhr.FullOrderModel(gasket_block(GASKETS["by sets"]), MPI.COMM_SELF)
+    path = [(0.0, (0.0,)), (1.0, (0.06,)), (2.0, (0.0,))]
+    pressed, gone = full.march(path).answers
+    assert pressed.gaps() == pytest.approx(0.0, abs=1e-12)
+    *_, (_, _, largest) = by_hand("by sets", (0.06,))
+    # the surfaces are .01 apart, and the gasket of .02 is thinner by its set
+    assert gone.gaps() == pytest.approx(0.01 - 0.02 + set_of("by sets", largest), abs=1e-12)
+    assert not gone.forces().any()
+
+
+def test_tables_may_be_arrays_and_laws_are_compared():
+    one, other = (hhr.GasketLayer(np.array(LOADING), np.array(UNLOADING)) for _ in range(2))
+    assert one == other == hhr.GasketLayer(list(LOADING), list(UNLOADING))
+    assert hash(one) == hash(other)
+
+
 @pytest.mark.parametrize(("given", "said"), [
     ({"loading": [(0, 0)]}, "two points"),
     ({"loading": [(0.1, 0), (0.2, 1)]}, "first must be 0, where the gasket"),

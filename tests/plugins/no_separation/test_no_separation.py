@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 from needs import needs
 from projected_forces import projected
-from scenes import pressed_block, space
+from scenes import lying, pressed_block, space
 from stacked_pairs import PATH, stacked
 
 import hhr_dolfinx as hhr
@@ -100,6 +100,37 @@ def test_forces_are_those_of_projections(friction):
 def friction_rows(model):
     """Friction of the conditions, by their numbers among all."""
     return model.law.of("friction")
+
+
+def test_round_off_is_no_pressure():
+    """Blocks that only touch, slid aside and pulled apart, are not held."""
+    box = hhr.ParameterSpace(("push", "slide"), (-0.3, -0.2), (0.3, 0.2))
+    full = hhr.FullOrderModel(stacked(hhr.NoSeparation(), parameters=box), MPI.COMM_SELF)
+    for model in (full, hhr.condense(full)):
+        for seed in range(5):
+            aside = np.random.default_rng(seed).uniform(-0.1, 0.1, 3)
+            path = [(0.0, (0.0, 0.0)), *((k + 1.0, (0.0, way)) for k, way in enumerate(aside))]
+            touching = model.march(path).answers[-1]
+            held = touching.memory["held"] > 0
+            between = touching.multipliers[: held.size]
+            assert (np.abs(between[~held]) < 1e-12).all()
+            pulled = model.march([*path, (9.0, (-0.02, aside[-1]))]).answers[-1]
+            assert not pulled.multipliers[: held.size][~held].any()
+
+
+@needs("floating")
+@pytest.mark.filterwarnings("ignore:body 2 .* moves along axis 0")
+def test_a_free_body_is_loaded_unloaded_and_lifted():
+    """Forces bear the load, of both signs, and none."""
+    scene = lying(bulge=0.0, parameters=space(p=(-10.0, 10.0)))
+    pair = dataclasses.replace(scene.contacts[0], law=hhr.NoSeparation())
+    full = hhr.FullOrderModel(dataclasses.replace(scene, contacts=(pair,)), MPI.COMM_SELF)
+    width = np.ptp(full.problem.contact_points[:, 0])
+    loads = (0.0, 5.0, 0.0, 5.0, -5.0)
+    path = [(float(k), (load,)) for k, load in enumerate(loads)]
+    for model in (full, hhr.condense(full)):
+        for load, answer in zip(loads[1:], model.march(path).answers, strict=True):
+            assert answer.forces().sum() == pytest.approx(load * width, rel=1e-9, abs=1e-10)
 
 
 @needs("conformance")

@@ -124,6 +124,19 @@ def test_a_block_that_soft_contact_alone_holds():
     assert hhr.condense(scene).solve([5.0]).forces() == pytest.approx(answer.forces(), rel=1e-8)
 
 
+@needs("floating")
+@pytest.mark.filterwarnings("ignore:body 2 .* moves along axis 0")
+def test_a_free_block_without_contact_has_derivatives_and_a_file(tmp_path):
+    """Motions that nothing determines do not move: loads of the middle of the box vanish."""
+    scene = lying(bulge=0.0, parameters=space(p=(-10.0, 10.0)))
+    pair = replace(scene.contacts[0], law=hhr.SoftContact(stiffness=1e4))
+    model = hhr.condense(replace(scene, contacts=(pair,)))
+    assert np.abs(model.solve([0.0], gradient=True).forces()).max() < 1e-12
+    hhr.save_model(tmp_path / "model.npz", model)
+    again = hhr.load_model(tmp_path / "model.npz")
+    assert again.solve([5.0]).forces() == pytest.approx(model.solve([5.0]).forces(), rel=1e-12)
+
+
 DECK = """*NODE
 1,0,0,0
 2,1,0,0

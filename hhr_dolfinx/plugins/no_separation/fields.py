@@ -1,0 +1,5 @@
+"""Facet ``report``: fields for viewers."""
+
+from hhr_dolfinx.plugins.contact_laws.fields import FieldsOfMemory
+
+REPORT = FieldsOfMemory("no_separation", "held")
