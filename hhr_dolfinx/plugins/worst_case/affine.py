@@ -148,7 +148,7 @@ def _refused(model: AnsweringModel) -> str:
     """What a proof needs and the model lacks; empty if it has all."""
     eliminated: Any = getattr(model, "eliminated", None)
     law = getattr(model, "law", None)
-    if law is not None and law.remembers:
+    if law is not None and law.path_dependent:
         return (
             "answers that depend on the parameters alone; friction and other laws with memory "
             "depend on the path"

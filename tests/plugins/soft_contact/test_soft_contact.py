@@ -11,7 +11,7 @@ from needs import needs
 from scenes import lying, pressed_block, space
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import NotOfferedError, SceneError
 
 pytestmark = [needs("soft_contact")]
 BLOCK = 3.0 / (1 - 0.3**2) / 2
@@ -122,6 +122,13 @@ def test_a_block_that_soft_contact_alone_holds():
     width = np.ptp(full.problem.contact_points[:, 0])
     assert answer.forces().sum() == pytest.approx(5.0 * width, rel=1e-9)
     assert hhr.condense(scene).solve([5.0]).forces() == pytest.approx(answer.forces(), rel=1e-8)
+
+
+@needs("worst_case")
+def test_a_worst_case_is_refused_for_its_law_and_not_for_a_memory():
+    model = hhr.condense(soft_block(LAWS["linear"]))
+    with pytest.raises(NotOfferedError, match="pairs without a law of their own"):
+        hhr.worst(model, "peak")
 
 
 @needs("floating")
