@@ -209,7 +209,7 @@ def slack_residuals(
         penetration = max(penetration, float(depth / length) if length > 0 else 0.0)
     largest = np.abs(forces).max()
     pushing = forces[pressing & ~problem.law.pulling(len(forces))]
-    return penetration, float(-pushing.min(initial=0.0) / largest) if largest > 0 else 0.0
+    return penetration, float(abs(pushing.min(initial=0.0)) / largest) if largest > 0 else 0.0
 
 
 def mass_norm(problem: ContactProblem, field: np.ndarray) -> float:

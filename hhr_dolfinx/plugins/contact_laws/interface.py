@@ -320,9 +320,10 @@ def _together(
     return joined(blocks), np.concatenate(numbers), interface
 
 
-def _remedy(law: Interface) -> str:
+def _remedy(law: Interface, name: str) -> str:
     """How to keep two memories of one name apart."""
-    if any(isinstance(law_range.law, OverLaws) for law_range in law.ranges):
+    over = [part.law for part in law.ranges if isinstance(part.law, OverLaws)]
+    if any(name in law_over.under.layout for law_over in over):
         return "give the pairs without friction friction=0.0, so that one law has all of them"
     return "one of them must name its memory in another way"
 
@@ -337,7 +338,7 @@ def _check_memories(scene: Scene, law: Interface) -> None:
                 raise SceneError(
                     f"contacts of scene '{scene.name}' have {law.name}, of the plug-ins "
                     f"'{owner[name]}' and '{law_range.law.plugin}', and both remember '{name}': "
-                    f"{_remedy(law)}"
+                    f"{_remedy(law, name)}"
                 )
         if not law_range.law.remembers:
             try:

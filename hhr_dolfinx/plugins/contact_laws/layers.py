@@ -9,6 +9,7 @@ import numpy as np
 
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.plugins.contact_laws.interface import Interface
+from hhr_dolfinx.plugins.contact_laws.range_increments import joined
 from hhr_dolfinx.plugins.contact_laws.ranges import (
     Linearised,
     OffDiagonal,
@@ -68,10 +69,12 @@ class StepOfRanges(RangeStep):
             slack: slacks of the rows, (k,).
             active: rows that touch, (k,) bool.
         """
-        memory = NO_MEMORY
-        for places, step in self._ranges:
-            memory = memory | step.after(forces[places], slack[places], active[places])
-        return memory
+        return joined(
+            [
+                step.after(forces[places], slack[places], active[places])
+                for places, step in self._ranges
+            ]
+        )
 
     def after_slip(self, memory: Memory, rubbed: np.ndarray) -> Memory:
         """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`.
@@ -101,10 +104,10 @@ class StepOfRanges(RangeStep):
         given = [(places, slopes) for places, slopes in found if isinstance(slopes, np.ndarray)]
         if not given:
             return 0.0
-        joined = np.zeros((forces.size, given[0][1].shape[1]))
+        every = np.zeros((forces.size, given[0][1].shape[1]))
         for places, slopes in given:
-            joined[places] = slopes
-        return joined
+            every[places] = slopes
+        return every
 
     def shifted(self, before: np.ndarray) -> np.ndarray:
         """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeStep`.
@@ -167,9 +170,26 @@ class SolverOfRanges(RangeSolver[Interface, "RangeState"]):
         super().__init__(law)
         self._solvers = [(part.rows, part.law.remembers, part.solver()) for part in law.ranges]
 
+    def compliance(self, diagonal: np.ndarray) -> np.ndarray:
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeSolver`."""
+        compliance = np.zeros(diagonal.size)
+        for rows, _, solver in self._solvers:
+            compliance[rows] = solver.compliance(diagonal[rows])
+        return compliance
+
+    def coupling(self, schur: np.ndarray, rows: np.ndarray, point: np.ndarray) -> float:
+        """Sum over the laws.
+
+        Args:
+            schur: S, (M, M).
+            rows: numbers of the rows among all conditions, (k,).
+            point: parameter, (P,).
+        """
+        return sum(solver.coupling(schur, rows[some], point) for some, _, solver in self._solvers)
+
     def at_rest(self) -> Memory:
         """Memory of undeformed bodies."""
-        return self._joined([solver.at_rest() for _, _, solver in self._solvers])
+        return joined([solver.at_rest() for _, _, solver in self._solvers])
 
     def memory_at_rest(self, gaps: np.ndarray, point: np.ndarray) -> Memory:
         """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeSolver`.
@@ -178,15 +198,9 @@ class SolverOfRanges(RangeSolver[Interface, "RangeState"]):
             gaps: gaps of the rows, (k,).
             point: parameter at rest, (P,).
         """
-        return self._joined(
+        return joined(
             [solver.memory_at_rest(gaps[rows], point) for rows, _, solver in self._solvers]
         )
-
-    def _joined(self, memories: Sequence[Memory]) -> Memory:
-        memory = NO_MEMORY
-        for part in memories:
-            memory = memory | part
-        return memory
 
     def step(self, before: Memory, point: np.ndarray, seconds: float) -> StepOfRanges:
         """See :class:`~hhr_dolfinx.plugins.contact_laws.ranges.RangeSolver`.

@@ -345,7 +345,8 @@ class RangesIncrements:
         kernel = contact.kernel
         if kernel is None or found.status is not Status.CONVERGED:
             return None
-        pressing = self.model.law.pressing(found.forces.size)
+        law = self.model.law
+        pressing = law.pressing(found.forces.size) & ~law.pulling(found.forces.size)
         holding = kernel.equalities.bearing(
             np.where(pressing, found.forces, 0.0), contact.free_slack
         )

@@ -19,6 +19,10 @@ from hhr_dolfinx.plugins.decks.named import NamedParts
 from hhr_dolfinx.plugins.decks.planes import Plane, plane_through
 from hhr_dolfinx.plugins.soft_contact.pair_laws import SoftContact
 
+_TIED = (
+    "surfaces that do not open nor slide slide here while they are pulled: hhr.Tie(SLAVE, MASTER) "
+    "in constraints holds them"
+)
 _HOLDS = "surfaces hold from the end of the step in which they have pressed"
 ROUGH_SURFACES = 1e6
 """Coefficient of friction of surfaces that never slip while they touch, as *FRICTION, ROUGH has
@@ -166,6 +170,7 @@ def _dragging(block: KeywordBlock, friction: float, motion: np.ndarray) -> list[
 def _interactions(blocks: Sequence[KeywordBlock], todo: list[Left]) -> dict[str, Interaction]:
     """Friction and soft contact by the name of the interaction in capitals."""
     interactions: dict[str, Interaction] = {}
+    blocks_of: dict[str, KeywordBlock] = {}
     name: str | None = None
     for block in blocks:
         if block.keyword == "SURFACE INTERACTION":
@@ -177,6 +182,7 @@ def _interactions(blocks: Sequence[KeywordBlock], todo: list[Left]) -> dict[str,
             interactions[name] = interactions[name]._replace(curve=_curve(block, todo))
         elif block.keyword == "FRICTION" and "ROUGH" in block.options and name is not None:
             interactions[name] = interactions[name]._replace(coefficient=ROUGH_SURFACES)
+            blocks_of[name] = block
         elif block.keyword == "FRICTION" and block.rows and name is not None:
             limit = block.number(block.options["TAUMAX"]) if "TAUMAX" in block.options else math.inf
             coefficient = block.value(block.rows[0], 0)
@@ -187,6 +193,9 @@ def _interactions(blocks: Sequence[KeywordBlock], todo: list[Left]) -> dict[str,
                     "first line counts"
                 )
                 todo.append(block.left(f"{reason}, {coefficient:g}"))
+    for name, found in interactions.items():
+        if found.curve == "hhr.NoSeparation()" and found.coefficient == ROUGH_SURFACES:
+            todo.append(blocks_of[name].left(_TIED))
     return interactions
 
 
@@ -200,14 +209,14 @@ def _curve(block: KeywordBlock, todo: list[Left]) -> str:
     if holds and kind in ("", "HARD"):
         todo.append(block.left(_HOLDS))
         return "hhr.NoSeparation()"
-    if holds:
-        todo.append(block.left("a pair has one law of its pressures: soft contact may open here"))
+    if holds and kind != "LINEAR":
+        todo.append(block.left("a pair has one law of its pressures: this curve may open here"))
     try:
         numbers = [block.numbers(row) for row in block.rows]
         if kind == "LINEAR":
             soft = SoftContact(stiffness=numbers[0][0])
             todo.append(block.left(f"{_HARD}: law=hhr.SoftContact(stiffness={soft.stiffness!r})"))
-            return ""
+            return "hhr.NoSeparation()" if holds else ""
         if kind == "EXPONENTIAL":
             clearance, pressure, *_ = itertools.chain(*numbers)
             soft = SoftContact(exponential=(clearance, pressure))

@@ -310,24 +310,44 @@ def _loads(
 def _interaction(file: Path, options: dict[str, str], read: Read) -> str:
     """Friction and soft contact of the interaction of a pair as arguments; empty without."""
     wanted = options.get("INTERACTION", "").upper()
-    interaction = law = ""
-    friction = 0.0
+    interaction = law = friction = ""
     for line, keyword, block_options, rows in blocks(file):
         where = f"{file.name}:{line}"
         if keyword == "SURFACE INTERACTION":
             interaction = block_options.get("NAME", "").upper()
         elif interaction != wanted:
             continue
+        elif keyword == "FRICTION" and "ROUGH" in block_options:
+            friction = "1e6"  # forces have the same digits from 1e3 on
         elif keyword == "FRICTION" and rows:
-            friction = float(rows[0][0])
+            friction = _friction(rows[0][0], block_options)
         elif keyword == "SURFACE BEHAVIOR":
             law = _curve(where, block_options, rows, read)
-    return (f", friction={friction!r}" if friction else "") + (f", law={law}" if law else "")
+    return (f", friction={friction}" if friction else "") + (f", law={law}" if law else "")
+
+
+def _friction(coefficient: str, options: dict[str, str]) -> str:
+    """Coulomb's law as text of Python, with the largest shear stress of ``TAUMAX``."""
+    if not float(coefficient):
+        return ""
+    if "TAUMAX" not in options:
+        return repr(float(coefficient))
+    return f"hhr.Coulomb({float(coefficient)!r}, {float(options['TAUMAX'])!r})"
 
 
 def _curve(where: str, options: dict[str, str], rows: list[list[str]], read: Read) -> str:
     """Soft contact of a ``*SURFACE BEHAVIOR`` as text of Python; empty for hard contact."""
     kind = options.get("PRESSURE-OVERCLOSURE", "HARD").upper()
+    if "NO SEPARATION" in options:
+        if kind == "HARD":
+            read.left.append(
+                f"TODO {where} *SURFACE BEHAVIOR, NO SEPARATION: surfaces hold from the end of the "
+                "step in which they have pressed"
+            )
+            return "hhr.NoSeparation()"
+        read.left.append(
+            f"TODO {where} *SURFACE BEHAVIOR, NO SEPARATION: surfaces of this curve may open here"
+        )
     numbers = [[float(word) for word in row if word] for row in rows]
     try:
         if kind == "EXPONENTIAL":
@@ -338,7 +358,7 @@ def _curve(where: str, options: dict[str, str], rows: list[list[str]], read: Rea
         if kind != "HARD":
             read.left.append(
                 f"TODO {where} *SURFACE BEHAVIOR, {kind}: contact is hard here, surfaces do not "
-                "overlap. If that stiffness is meant, and no friction, give the pair "
+                "overlap. If that stiffness is meant, give the pair "
                 f"law=hhr.SoftContact(stiffness={numbers[0][0]!r})"
             )
     except (ValueError, IndexError):

@@ -341,7 +341,7 @@ class Friction(ContactLaw, Rebuilt):
             with np.errstate(invalid="ignore"):  # of Tresca's law, which has no coefficient
                 carried = (
                     coefficient[:, None] * changes[self.normal] + of_coefficient * pressure[:, None]
-                )
+                ) * (pressure > 0)[:, None]
             of_bound = np.where((admitted < limit)[:, None], carried, of_limit)
             slopes = self._scaled(
                 forces, changes, beyond, admitted / np.where(size > 0, size, 1.0), of_bound

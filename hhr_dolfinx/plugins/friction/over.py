@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
     from hhr_dolfinx.contact.rows import ContactRows
+    from hhr_dolfinx.parameters import ParameterSpace
     from hhr_dolfinx.plugins.contact_laws.range_increments import RangeState
     from hhr_dolfinx.scene import Scene
 
@@ -123,12 +124,36 @@ class FrictionOver(Friction, OverLaws):
         """
         forces = forces.copy()
         changes = changes.copy()
+        touching = np.zeros(forces.size, dtype=bool)
         for part in self.under.ranges:
             rows = self.normal[part.rows]
-            forces[rows], changes[rows], _ = part.law.limited(
+            forces[rows], changes[rows], touching[rows] = part.law.limited(
                 forces[rows], changes[rows], fitted[rows], point
             )
-        return super().limited(forces, changes, fitted, point)
+        forces, changes, active = super().limited(forces, changes, fitted, point)
+        active[self.normal] = touching[self.normal]
+        return forces, changes, active
+
+    def distinct(self, count: int) -> np.ndarray:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        mask = super().distinct(count)
+        mask[self.normal] &= self.under.distinct(self.normal.size)
+        return mask
+
+    def faults_for(self, dimension: int) -> Iterator[str]:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        yield from super().faults_for(dimension)
+        yield from self.under.faults_for(dimension)
+
+    def check_path(self, space: ParameterSpace, points: np.ndarray) -> None:
+        """Of friction, and of the laws beneath.
+
+        Args:
+            space: box of the parameters.
+            points: parameters of the path, (steps, P).
+        """
+        super().check_path(space, points)
+        self.under.check_path(space, points)
 
     def within(self, conditions: np.ndarray) -> FrictionOver:
         """Friction and laws of some conditions, (m,), in their order there.
@@ -146,6 +171,27 @@ class FrictionOverRange(FrictionRange):
     def __init__(self, law: FrictionOver):
         super().__init__(law)
         self._under = SolverOfRanges(law.under)
+
+    def compliance(self, diagonal: np.ndarray) -> np.ndarray:
+        """Of friction and of the laws beneath.
+
+        Args:
+            diagonal: diagonal of S, (k,).
+        """
+        compliance = super().compliance(diagonal)
+        compliance[self.law.normal] += self._under.compliance(diagonal[self.law.normal])
+        return compliance
+
+    def coupling(self, schur: np.ndarray, rows: np.ndarray, point: np.ndarray) -> float:
+        """Of friction and of the laws beneath.
+
+        Args:
+            schur: S, (M, M).
+            rows: numbers of the rows among all conditions, (k,).
+            point: parameter, (P,).
+        """
+        beneath = self._under.coupling(schur, rows[self.law.normal], point)
+        return super().coupling(schur, rows, point) + beneath
 
     def at_rest(self) -> Memory:
         """No slip, no contact, and memories of the laws beneath at rest."""

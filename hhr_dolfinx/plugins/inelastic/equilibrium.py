@@ -143,7 +143,7 @@ def undetermined(
     """
     if motions is None:
         return None
-    pressing = law.pressing(found.forces.size)
+    pressing = law.pressing(found.forces.size) & ~law.pulling(found.forces.size)
     holding = None if pressing.all() else found.active & ~pressing
     return motions.undetermined(np.where(pressing, found.forces, 0.0), slack(), holding)
 

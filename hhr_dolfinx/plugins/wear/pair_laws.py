@@ -61,7 +61,10 @@ class ArchardWear(PairLaw):
                 "of the path: give one of both"
             )
         if not np.isfinite(self.constant * self.speed * self.cycles):
-            raise SceneError(f"constant {self.constant!r} times speed {self.speed!r} is too large")
+            raise SceneError(
+                f"constant {self.constant!r} times speed {self.speed!r} and cycles {self.cycles!r} "
+                "is too large"
+            )
 
     @property
     def words(self) -> str:
@@ -81,7 +84,7 @@ class ArchardWear(PairLaw):
             SceneError: for an output that reads the gap of the pair by displacements alone, and for
                 wear along the slip of a pair without friction.
         """
-        if self.along_slip and self in scene.laws:
+        if self.along_slip and any(law is self for law in scene.laws):
             raise SceneError(f"{what} wears along its slip, and has no friction: give it friction=")
         own = [
             k

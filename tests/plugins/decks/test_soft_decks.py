@@ -115,3 +115,14 @@ def test_surfaces_without_separation(tmp_path):
     assert "hold from the end of the step in which they have pressed" in output
     assert "law=hhr.NoSeparation()" in (tmp_path / "deck.py").read_text()
     assert pressure(scene) == pytest.approx(STIFFNESS * MOTION, rel=1e-9)
+
+
+@needs("no_separation", "friction")
+@pytest.mark.parametrize(("lines", "law", "said"), [
+    ("LINEAR\n200.", "law=hhr.NoSeparation()", "contact is hard here"),
+    ("HARD\n*FRICTION, ROUGH", "law=hhr.NoSeparation()", "hhr.Tie(SLAVE, MASTER)"),
+    ("TABULAR\n0., 0.\n2., .01", "law=hhr.SoftContact", "may open here"),
+])  # fmt: skip
+def test_what_holds_beside_another_word(lines, law, said, tmp_path):
+    _, _, output = read(tmp_path, f"*SURFACE BEHAVIOR, NO SEPARATION, PRESSURE-OVERCLOSURE={lines}")
+    assert law in (tmp_path / "deck.py").read_text() and said in output

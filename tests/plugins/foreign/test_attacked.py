@@ -120,6 +120,18 @@ def test_soft_contact_and_adjust_are_read_or_named(start):
     assert "ADJUST" in "".join(todo)
 
 
+def test_friction_and_pairs_without_separation_are_read(start):
+    behavior = "*SURFACE BEHAVIOR, NO SEPARATION\n"
+    text, todo = start(behavior=f"{behavior}*FRICTION, TAUMAX=5.\n.3\n")
+    assert "friction=hhr.Coulomb(0.3, 5.0), law=hhr.NoSeparation()" in text
+    assert "have pressed" in "".join(todo)
+    text, _ = start(behavior="*FRICTION, ROUGH\n")
+    assert "friction=1e6" in text
+    soft = "*SURFACE BEHAVIOR, NO SEPARATION, PRESSURE-OVERCLOSURE=EXPONENTIAL\n0.01, 5.\n"
+    text, todo = start(behavior=f"{soft}*FRICTION\n.2\n")
+    assert "friction=0.2, law=hhr.SoftContact" in text and "may open here" in "".join(todo)
+
+
 def test_a_later_support_replaces_the_one_before(start):
     text, _ = start("*BOUNDARY\nFOOT, 3, 3, -0.01\n")
     assert text.count('hhr.Displacement("FOOT", 2') == 1

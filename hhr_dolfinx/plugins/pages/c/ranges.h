@@ -106,10 +106,18 @@ static inline model_own model_own_of(const model_together *t, const model_range 
     return own;
 }
 
+/* Status of a slope: 0 of an open row; a curve of segments may come back to a row that touches on another one. */
+static inline unsigned char model_mark(double slope) {
+    unsigned char bytes[sizeof slope], mark = 0;
+    memcpy(bytes, &slope, sizeof slope);
+    for (size_t k = 0; k < sizeof slope; k++) mark = (unsigned char)(31 * mark + bytes[k]);
+    return slope > 0 ? mark | 1 : 0;
+}
+
 /* A row by the projection of y = x - c s and its slope J. */
 static inline void model_close(model_together *t, int i, double y, double c, double projection, double slope) {
     t->off[i] = t->forces[i] - projection, t->on_forces[i] = 1 - slope, t->on_slack[i] = slope * c;
-    t->right[i] = projection - slope * y, t->status[i] = slope > 0, t->active[i] = slope > 0 || projection > 0;
+    t->right[i] = projection - slope * y, t->status[i] = model_mark(slope), t->active[i] = slope > 0 || projection > 0;
 }
 
 /* A row of the system, by a weight of the slack of a condition. */
