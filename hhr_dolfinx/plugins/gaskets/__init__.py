@@ -16,7 +16,7 @@ PLUGIN = Plugin(
     },
     memory=("gasket_closure", "largest_closure"),
     facets={
-        "report": f"{_HERE}.fields:REPORT",
+        "report": f"{_HERE}.fields:GASKET_FIELDS",
         "range": f"{_HERE}.laws:GasketRange",
         "kernel": f"{_HERE}.kernel:GASKET_KERNEL",
     },

@@ -2,4 +2,4 @@
 
 from hhr_dolfinx.plugins.contact_laws.fields import FieldsOfMemory
 
-REPORT = FieldsOfMemory("gaskets", "gasket_closure", "largest_closure")
+GASKET_FIELDS = FieldsOfMemory("gaskets", "gasket_closure", "largest_closure")

@@ -11,7 +11,7 @@ PLUGIN = Plugin(
     classes={f"{_HERE}.laws": "HeldConditions"},
     memory=("held",),
     facets={
-        "report": f"{_HERE}.fields:REPORT",
+        "report": f"{_HERE}.fields:HOLDING_FIELDS",
         "range": f"{_HERE}.laws:HoldingRange",
         "kernel": f"{_HERE}.kernel:HOLDING_KERNEL",
     },

@@ -2,4 +2,4 @@
 
 from hhr_dolfinx.plugins.contact_laws.fields import FieldsOfMemory
 
-REPORT = FieldsOfMemory("no_separation", "held")
+HOLDING_FIELDS = FieldsOfMemory("no_separation", "held")

@@ -14,7 +14,7 @@ PLUGIN = Plugin(
     },
     memory=("overclosure",),
     facets={
-        "report": f"{_HERE}.fields:REPORT",
+        "report": f"{_HERE}.fields:SOFT_FIELDS",
         "range": f"{_HERE}.laws:SoftRange",
         "kernel": f"{_HERE}.kernel:KERNEL",
     },

@@ -2,4 +2,4 @@
 
 from hhr_dolfinx.plugins.contact_laws.fields import FieldsOfMemory
 
-REPORT = FieldsOfMemory("soft_contact", "overclosure")
+SOFT_FIELDS = FieldsOfMemory("soft_contact", "overclosure")

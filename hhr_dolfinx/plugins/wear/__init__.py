@@ -12,7 +12,7 @@ PLUGIN = Plugin(
     classes={f"{_HERE}.laws": "WornConditions", f"{_HERE}.outputs": "Worn"},
     memory=("worn_depth",),
     facets={
-        "report": f"{_HERE}.fields:REPORT",
+        "report": f"{_HERE}.fields:WEAR_FIELDS",
         "range": f"{_HERE}.laws:WearRange",
         "kernel": f"{_HERE}.kernel:WEAR_KERNEL",
     },

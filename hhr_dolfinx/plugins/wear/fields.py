@@ -2,4 +2,4 @@
 
 from hhr_dolfinx.plugins.contact_laws.fields import FieldsOfMemory
 
-REPORT = FieldsOfMemory("wear", "worn_depth")
+WEAR_FIELDS = FieldsOfMemory("wear", "worn_depth")
