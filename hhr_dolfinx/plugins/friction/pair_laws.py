@@ -13,7 +13,6 @@ from hhr_dolfinx.declared import KnownArguments
 from hhr_dolfinx.errors import NotOfferedError, SceneError, SceneWarning
 from hhr_dolfinx.formulas import formula_of
 from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw, check_finite
-from hhr_dolfinx.plugins.friction.over import over_laws
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
@@ -88,6 +87,7 @@ class Tangential(KnownArguments, PairLaw):
             lifts: imposed displacements, (N, 1 + T).
             mesh: nodes and cells.
         """
+        from hhr_dolfinx.plugins.friction.over import over_laws
         from hhr_dolfinx.plugins.friction.tangents import Mesh, with_tangents
 
         friction_laws = {

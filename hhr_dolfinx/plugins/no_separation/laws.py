@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
 
 from hhr_dolfinx.contact.law import ContactLaw
-from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.plugins.contact_laws.ranges import Linearised, RangeSolver, RangeStep, closing
 
@@ -35,15 +35,10 @@ class HeldConditions(ContactLaw):
     fixed: ClassVar[np.ndarray] = np.zeros(0, dtype=np.int64)  # type: ignore[misc]
 
     least: Annotated[Floats, "m"]  #: overlap without contact from which on they press, (m,)
-    rows: Annotated[Integers, "m"]  #: their numbers among all conditions of the scene, (m,)
 
     def within(self, conditions: np.ndarray) -> HeldConditions:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return HeldConditions(self.least[conditions], np.arange(conditions.size))
-
-    def among(self, conditions: np.ndarray) -> HeldConditions:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return replace(self, rows=conditions)
+        return HeldConditions(self.least[conditions])
 
     def parts(self) -> list[str | np.ndarray]:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
@@ -89,7 +84,7 @@ class HoldingRange(RangeSolver[HeldConditions, Memory]):
 
     def at_rest(self) -> Memory:
         """Nothing has pressed."""
-        return Memory(**{HELD_ONCE: np.zeros(self.law.rows.size)})
+        return Memory(**{HELD_ONCE: np.zeros(self.law.least.size)})
 
     def step(self, before: Memory, point: np.ndarray, seconds: float) -> HoldingStep:
         """One increment.

@@ -67,4 +67,4 @@ class NoSeparation(PairLaw):
             mesh: nodes and cells.
         """
         least = ROUND_OFF_OVERLAP * float(np.ptp(mesh.points, axis=0).max())
-        return rows, pairs, HeldConditions(np.full(pairs.size, least), np.arange(pairs.size))
+        return rows, pairs, HeldConditions(np.full(pairs.size, least))

@@ -135,7 +135,7 @@ def test_a_worst_case_is_refused_for_its_law_and_not_for_a_memory():
 @pytest.mark.filterwarnings("ignore:body 2 .* moves along axis 0")
 def test_a_free_block_without_contact_has_derivatives_and_a_file(tmp_path):
     """Motions that nothing determines do not move: loads of the middle of the box vanish."""
-    scene = lying(bulge=0.0, parameters=space(p=(-10.0, 10.0)))
+    scene = lying(cells=(4, 3), parameters=space(p=(-10.0, 10.0)))
     pair = replace(scene.contacts[0], law=hhr.SoftContact(stiffness=1e4))
     model = hhr.condense(replace(scene, contacts=(pair,)))
     assert np.abs(model.solve([0.0], gradient=True).forces()).max() < 1e-12
