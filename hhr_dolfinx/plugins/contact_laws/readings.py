@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.plugins.contact_laws.fields import rows_of
 
 if TYPE_CHECKING:
     from hhr_dolfinx.outputs import ModelProbe, OfContact
@@ -20,15 +21,15 @@ def places_in_memory(
     Args:
         probe: interface of the model.
         output: the output.
-        plugin: plug-in of the law, whose law on the conditions has ``rows``.
+        plugin: plug-in of the law.
         remedy: what is missing without it, for the message.
 
     Raises:
         SceneError: for a contact without the law.
     """
-    law: Any = probe.problem.law.of(plugin)
+    rows = rows_of(probe.problem.law, plugin)
     conditions = probe.conditions(output)
-    if law is None or not np.isin(conditions, law.rows).all():
+    if not np.isin(conditions, rows).all():
         raise SceneError(f"output '{output.name}': contact {output.contact} {remedy}")
-    order = np.argsort(law.rows)
-    return conditions, order[np.searchsorted(law.rows, conditions, sorter=order)]
+    order = np.argsort(rows)
+    return conditions, order[np.searchsorted(rows, conditions, sorter=order)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -33,28 +33,6 @@ class GasketLayers(CurveConditions):
     area: Annotated[Floats, "m"]
     number: Annotated[Integers, "m"]  #: index of the curve of each condition
     curves: tuple[GasketCurve, ...]
-    rows: Annotated[Integers, "m"]  #: their numbers among all conditions of the scene
-
-    @classmethod
-    def numbered(
-        cls, area: np.ndarray, number: np.ndarray, curves: tuple[GasketCurve, ...]
-    ) -> GasketLayers:
-        """The law on all conditions of a scene.
-
-        Args:
-            area: area of each condition, (m,).
-            number: number of its curve, (m,).
-            curves: the curves.
-        """
-        return cls(area, number, curves, np.arange(area.size))
-
-    def within(self, conditions: np.ndarray) -> GasketLayers:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return replace(super().within(conditions), rows=np.arange(conditions.size))
-
-    def among(self, conditions: np.ndarray) -> GasketLayers:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return replace(self, rows=conditions)
 
     def opened(self, memory: Memory) -> np.ndarray:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`: gaps are those to the gasket, as its

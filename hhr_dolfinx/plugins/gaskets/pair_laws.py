@@ -45,7 +45,7 @@ class GasketLayer(CurvePair):
 
     plugin: ClassVar[str] = "gaskets"
     noun: ClassVar[str] = "a gasket"
-    conditions: ClassVar[Callable[..., GasketLayers]] = GasketLayers.numbered
+    conditions: ClassVar[Callable[..., GasketLayers]] = GasketLayers
 
     loading: Sequence[tuple[float, float]]
     unloading: Sequence[tuple[float, float]] | None = None
