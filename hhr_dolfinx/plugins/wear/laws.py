@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
 
 from hhr_dolfinx.contact.law import ContactLaw
-from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.plugins.contact_laws.ranges import Linearised, RangeSolver, RangeStep, closing
@@ -32,16 +32,10 @@ class WornConditions(ContactLaw):
 
     rate: Annotated[Floats, "m"]
     along: Annotated[Floats, "m"]  #: depth per pressure and length of slip, (m,)
-    rows: Annotated[Integers, "m"]  #: their numbers among all conditions of the scene, (m,)
 
     def within(self, conditions: np.ndarray) -> WornConditions:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        rows = np.arange(len(conditions))
-        return WornConditions(self.rate[conditions], self.along[conditions], rows)
-
-    def among(self, conditions: np.ndarray) -> WornConditions:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return replace(self, rows=conditions)
+        return WornConditions(self.rate[conditions], self.along[conditions])
 
     def parts(self) -> list[str | np.ndarray]:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""

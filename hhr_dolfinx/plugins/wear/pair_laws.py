@@ -117,5 +117,4 @@ class ArchardWear(PairLaw):
                 along[contact] = law.constant * law.cycles
             else:
                 rates[contact] = law.constant * law.speed
-        numbers = np.arange(pairs.size)
-        return rows, pairs, WornConditions(rates[pairs] / rows.areas, along[pairs], numbers)
+        return rows, pairs, WornConditions(rates[pairs] / rows.areas, along[pairs])
