@@ -3,7 +3,8 @@
 Three scenes: blocks in the plane, a fuel rod whose pellet the gap alone cools, blocks in space. The
 full order solves heat with a new factor of its conductivity and the conductances, and displacement
 with the factor of K that it keeps, one after the other until neither changes. Both answer the same
-points in turns. A thousand histories of forty steps of the rod are then marched through.
+points in turns, and march through a transient of the same implicit steps. A thousand histories of
+forty steps of the rod are then marched through, steady and transient.
 
     python benchmarks/heat_through_contacts.py [--out DIR] [--quick] [--seed N]
 """
@@ -35,6 +36,12 @@ FASTER = 100.0
 """At least so many times as fast as the coupled full order."""
 HISTORIES, STEPS, PATIENCE = 1000, 40, 60.0
 """Histories of the rod, their steps, and the seconds that all of them may take."""
+SMALL_DIFFERENCE = 5e-3
+"""Transients of few modes differ from the full order by so much of the largest value at most."""
+START = 20.0
+"""Temperature at the start of transients."""
+LENGTHS = {"blocks in the plane": 1e-3, "fuel rod": 1.0, "blocks in space": 1e-3}
+"""Length of the steps of the transients: bodies take some twenty to warm."""
 SETTLED = 1e-12
 """Change over the size at which the full order ends."""
 
@@ -70,6 +77,7 @@ def blocks(dimension: int, cells: int) -> tuple[hhr.Scene, hhr.Heat]:
         conductivity={FIRST: 50.0, SECOND: 20.0},
         conductance={0: "12 * (p / 100) ** 0.95 + 0.15 / (g + 2e-3)"},
         expansion={FIRST: 1.2e-5, SECOND: 2.3e-5},
+        capacity={FIRST: 3.6, SECOND: 2.4},
         temperatures=[
             hhr.FixedTemperature(side(FIRST, last, False), 0.0),
             hhr.FixedTemperature(top, "T"),
@@ -103,6 +111,7 @@ def fuel_rod(**mesh: Any) -> tuple[hhr.Scene, hhr.Heat]:
         conductance={0: "0.25 / (g + 5e-3) + 0.4 * p / (p + 10)"},
         expansion={rod.PELLET: 1e-5, rod.CLADDING: 6e-6},
         reference=20.0,
+        capacity={rod.PELLET: 3.3, rod.CLADDING: 2.1},
         supplies=[
             hhr.HeatSource(rod.PELLET, "1e3 * q / (pi * 4.1**2)"),
             hhr.Convection(rod.CLADDING_OUTER, 30.0, 300.0),
@@ -114,14 +123,14 @@ def fuel_rod(**mesh: Any) -> tuple[hhr.Scene, hhr.Heat]:
 class CoupledFull:
     """Coupled full order: heat and displacement one after the other."""
 
-    def __init__(self, scene: hhr.Scene, heat: hhr.Heat, model: hhr.HeatModel):
+    def __init__(self, scene: hhr.Scene, heat: hhr.Heat, model: Any):
         import warnings
 
         with warnings.catch_warnings():  # of parameters of heat, which this model does not know
             warnings.simplefilter("ignore")
             self.full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
         self.problem = self.full.problem
-        self.system = heat_system(self.full, heat, list(heat.conductance))
+        self.system = heat_system(self.full, heat, list(heat.conductance), transient=True)
         self.model = model
         self.areas = self.problem.contact_areas
         free = self.problem.free
@@ -130,14 +139,33 @@ class CoupledFull:
         self.schur = self.rows @ self.factor.solve(self.rows.T.toarray())
         self.equalities = SchurEqualities.symmetric(self.schur)
 
-    def solve(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Forces and heat flows, (m,) each."""
+    def march(self, points: np.ndarray, times: np.ndarray, start: float) -> list[np.ndarray]:
+        """Forces, (m,), heat flows, (m,), and temperatures, (n,), after each implicit step."""
+        temperature = np.full(len(self.system.lifted), start)
+        forces = np.zeros(len(self.areas))
+        found = []
+        for point, length in zip(points, np.diff(times, prepend=0.0), strict=True):
+            stored = self.system.capacity / length
+            found.append(self.solve(point, forces, stored, stored @ temperature))
+            forces, _, temperature = found[-1]
+        return found
+
+    def solve(
+        self,
+        point: np.ndarray,
+        forces: np.ndarray | None = None,
+        stored: Any = 0.0,
+        before: Any = 0.0,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Forces and heat flows, (m,) each, and temperatures, (n,); of a step with the heat that
+        bodies store per rise of the temperature over its length, and that which they had.
+        """
         supplies = np.array([one.value(point) for one in self.system.amplitudes])
         theta = self.problem.amplitudes(point)
-        forces = np.zeros(len(self.areas))
+        forces = np.zeros(len(self.areas)) if forces is None else forces
         slack = self.problem.gaps @ theta
         for count in range(500):
-            temperature, flows = self._heated(point, supplies, forces, slack)
+            temperature, flows = self._heated(point, supplies, (forces, slack), (stored, before))
             loads = self.problem.loads @ theta
             loads = loads + self.system.expansion @ temperature + self.system.at_rest
             moved = self.factor.solve(loads[self.problem.free])
@@ -150,18 +178,24 @@ class CoupledFull:
             forces = forces + weight * (found.forces - forces)
             slack = slack + weight * (opened - slack)
             if change <= SETTLED:
-                return found.forces, flows
+                return found.forces, flows, temperature
         raise RuntimeError("the coupled full order does not settle")
 
     def _heated(
-        self, point: np.ndarray, supplies: np.ndarray, forces: np.ndarray, slack: np.ndarray
+        self,
+        point: np.ndarray,
+        supplies: np.ndarray,
+        contact: tuple[np.ndarray, np.ndarray],
+        step: tuple[Any, Any],
     ) -> tuple[np.ndarray, np.ndarray]:
-        pressed, opened = np.maximum(forces, 0.0) / self.areas, np.maximum(slack, 0.0)
+        pressed, opened = (np.maximum(part, 0.0) for part in contact)
+        pressed = pressed / self.areas
+        stored, before = step
         h = self.areas * self.model._conducted(point, pressed, opened)[0]
         system = self.system
-        matrix = csc_matrix(system.stiffness + system.jumps.T @ diags(h) @ system.jumps)
+        matrix = csc_matrix(system.stiffness + system.jumps.T @ diags(h) @ system.jumps + stored)
         temperature = system.lifted @ supplies
-        right = system.loads @ supplies - matrix @ temperature
+        right = system.loads @ supplies + before - matrix @ temperature
         free = np.setdiff1d(np.arange(len(temperature)), system.fixed)
         temperature[free] += splu(matrix[free][:, free]).solve(right[free])
         return temperature, h * (system.jumps @ temperature)
@@ -180,7 +214,7 @@ def compared(name: str, scene: hhr.Scene, heat: hhr.Heat, points: int, seed: int
         answer = model.solve(point, both=False)
         times["condensed"].append(time.perf_counter() - begin)
         begin = time.perf_counter()
-        forces, flows = full.solve(point)
+        forces, flows, _ = full.solve(point)
         times["full"].append(time.perf_counter() - begin)
         sizes = max(forces.max(), 1e-300), np.abs(flows).max()
         off["forces"] = max(off["forces"], np.abs(answer.forces() - forces).max() / sizes[0])
@@ -198,7 +232,54 @@ def compared(name: str, scene: hhr.Scene, heat: hhr.Heat, points: int, seed: int
     }
 
 
-def marched(model: hhr.HeatModel, histories: int, seed: int) -> dict[str, Any]:
+def in_time(
+    name: str, scene: hhr.Scene, heat: hhr.Heat, path: np.ndarray, length: float
+) -> dict[str, Any]:
+    """Differences and times of a transient, all of its steps by one and by the other, twice."""
+    begin = time.perf_counter()
+    model = hhr.condense_transient_heat(scene, heat)
+    offline = time.perf_counter() - begin
+    full = CoupledFull(scene, heat, model)
+    times = length * np.arange(1, len(path) + 1)
+    taken: dict[str, list[float]] = {"condensed": [], "full": []}
+    for _ in range(2):
+        begin = time.perf_counter()
+        answers = model.march(path, times, START)
+        taken["condensed"].append((time.perf_counter() - begin) / len(path))
+        begin = time.perf_counter()
+        expected = full.march(path, times, START)
+        taken["full"].append((time.perf_counter() - begin) / len(path))
+    largest = [max(np.abs(one[part]).max() for one in expected) for part in (0, 1)]
+    rise = max(np.abs(one[2] - START).max() for one in expected)
+    pairs = list(zip(answers, expected, strict=True))
+    off = {
+        "forces": max(np.abs(one.forces() - other[0]).max() for one, other in pairs) / largest[0],
+        "heat": max(np.abs(one.heat - other[1]).max() for one, other in pairs) / largest[1],
+        "temperature": max(np.abs(one.temperature() - other[2]).max() for one, other in pairs)
+        / rise,
+    }
+    quickest = {kind: min(values) for kind, values in taken.items()}
+    faster = quickest["full"] / quickest["condensed"]
+    return {
+        "scene": name,
+        "steps": len(path),
+        "modes": len(model.rates),
+        "offline_s": offline,
+        "off": off,
+        "ms": {kind: 1e3 * value for kind, value in quickest.items()},
+        "faster": faster,
+        "met": max(off.values()) <= SMALL_DIFFERENCE and faster >= FASTER,
+    }
+
+
+def rising(model: Any) -> np.ndarray:
+    """A path of parameters from the lower end of the box to the upper one and back, (steps, P)."""
+    low, high = np.array(model.parameters.lower), np.array(model.parameters.upper)
+    part = np.interp(np.arange(STEPS), (0, STEPS // 4, STEPS - 10, STEPS - 1), (0, 1, 1, 0))
+    return low + part[:, None] * (high - low)
+
+
+def marched(model: Any, histories: int, seed: int, *times: Any) -> dict[str, Any]:
     """Histories of the rod: power up, held and down, each with a pressure and a gap of its own."""
     rng = np.random.default_rng(seed)
     low, high = np.array(model.parameters.lower), np.array(model.parameters.upper)
@@ -209,7 +290,7 @@ def marched(model: hhr.HeatModel, histories: int, seed: int) -> dict[str, Any]:
         power = np.interp(np.arange(STEPS), (0, STEPS // 2, STEPS - 10, STEPS - 1),
                           (low[0], peak, peak, low[0]))  # fmt: skip
         path = np.column_stack([power, np.full(STEPS, pressure), np.full(STEPS, gap)])
-        answers = model.march(path)
+        answers = model.march(path, *times)
         hottest = max(hottest, float(answers[STEPS // 2].temperature().max()))
     seconds = time.perf_counter() - begin
     limit = PATIENCE * histories / HISTORIES
@@ -230,7 +311,19 @@ def main() -> None:
     rows = [
         compared(name, *scene, points=points, seed=options.seed) for name, scene in scenes.items()
     ]
+    transients = [
+        in_time(name, *scene, path=rising(scene[0]), length=LENGTHS[name])
+        for name, scene in scenes.items()
+    ]
     told = marched(hhr.condense_heat(*scenes["fuel rod"]), 20 if quick else HISTORIES, options.seed)
+    seconds = np.arange(1.0, STEPS + 1)
+    later = marched(
+        hhr.condense_transient_heat(*scenes["fuel rod"]),
+        20 if quick else HISTORIES,
+        options.seed,
+        seconds,
+        START,
+    )
     table = Table(title="Heat through contacts, condensed, beside the coupled full order")
     for head in ("scene", "dofs", "m", "offline", "forces off", "heat off", "ms", "full, ms", "x"):
         table.add_column(head)
@@ -241,12 +334,32 @@ def main() -> None:
             f"{row['ms']['condensed']:.2f}", f"{row['ms']['full']:.0f}", f"{row['faster']:.0f}",
         )  # fmt: skip
     options.console.print(table)
-    options.console.print(
-        f"{told['histories']} histories of {STEPS} steps of the rod: {told['seconds']:.1f} s, "
-        f"hottest {told['hottest']:.0f} K"
-    )
+    in_steps = Table(title=f"Transients of {STEPS} steps, per step")
+    for head in ("scene", "modes", "offline", "forces off", "T off", "ms", "full, ms", "x"):
+        in_steps.add_column(head)
+    for row in transients:
+        in_steps.add_row(
+            row["scene"], str(row["modes"]), f"{row['offline_s']:.1f} s",
+            f"{row['off']['forces']:.0e}", f"{row['off']['temperature']:.0e}",
+            f"{row['ms']['condensed']:.2f}", f"{row['ms']['full']:.0f}", f"{row['faster']:.0f}",
+        )  # fmt: skip
+    options.console.print(in_steps)
+    for kind, many in (("steady", told), ("transient", later)):
+        options.console.print(
+            f"{many['histories']} {kind} histories of {STEPS} steps of the rod: "
+            f"{many['seconds']:.1f} s, hottest {many['hottest']:.0f} degrees"
+        )
     known = {"scene": "heat_through_contacts", **report.environment()}
-    report.write_report({**known, "heat": rows, "histories": told}, options.out)
+    report.write_report(
+        {
+            **known,
+            "heat": rows,
+            "transients": transients,
+            "histories": told,
+            "transient_histories": later,
+        },
+        options.out,
+    )
 
 
 if __name__ == "__main__":

@@ -47,9 +47,11 @@ from .plugins.contact_heat.heat import FixedTemperature as FixedTemperature
 from .plugins.contact_heat.heat import Heat as Heat
 from .plugins.contact_heat.heat import HeatFlux as HeatFlux
 from .plugins.contact_heat.heat import HeatSource as HeatSource
+from .plugins.contact_heat.heated import HeatAnswer as HeatAnswer
 from .plugins.contact_heat.making import condense_heat as condense_heat
-from .plugins.contact_heat.model import HeatAnswer as HeatAnswer
+from .plugins.contact_heat.making import condense_transient_heat as condense_transient_heat
 from .plugins.contact_heat.model import HeatModel as HeatModel
+from .plugins.contact_heat.transient import TransientHeatModel as TransientHeatModel
 from .plugins.decks.nodal_forces import NodalForces as NodalForces
 from .plugins.decks.temperatures import DeckTemperatures as DeckTemperatures
 from .plugins.decks.with_outside import WithOutside as WithOutside

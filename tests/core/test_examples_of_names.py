@@ -61,6 +61,7 @@ NAMES = {
     "build": (),
     "condense": (),
     "condense_heat": ("contact_heat",),
+    "condense_transient_heat": ("contact_heat",),
     "load_model": (),
     "reduce": ("one_call",),
     "save_model": (),

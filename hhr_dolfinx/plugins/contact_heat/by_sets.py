@@ -12,6 +12,7 @@ from hhr_dolfinx.plugins.contact_heat.newton import (
     CoupledContact,
     CoupledSolution,
     scales_of,
+    solved_together,
 )
 
 KEPT_SETS = 64
@@ -66,6 +67,21 @@ class SetResponses:
             while len(self._kept) > KEPT_SETS:
                 self._kept.pop(next(iter(self._kept)), None)
         return found
+
+
+def solved(
+    contact: CoupledContact, forces: np.ndarray, flows: np.ndarray, responses: SetResponses
+) -> CoupledSolution:
+    """Solve with forces eliminated, or together where that fails.
+
+    Args:
+        contact: the problem.
+        forces: forces to start from, (m,).
+        flows: heat flows and temperatures of bodies to start from, (m + b,).
+        responses: of sets of closed contacts.
+    """
+    found = solved_by_sets(contact, responses, forces > 0, flows)
+    return solved_together(contact, forces, flows) if found is None else found
 
 
 @np.errstate(all="ignore")  # steps that run away end in NaN, which has no step

@@ -43,25 +43,30 @@ class HeatSystem:
     jumps: csr_matrix  #: B_T, temperature of the first surface less that of the second, (m, n)
     expansion: csr_matrix  #: C, nodal forces per temperature, (N, n)
     at_rest: np.ndarray  #: nodal forces of the reference temperatures, (N,)
+    capacity: csr_matrix  #: M_T, heat per rise of the temperature, (n, n); 0 of steady heat
 
 
-def heat_system(full: FullOrderModel, heat: Heat, conducts: Sequence[int]) -> HeatSystem:
+def heat_system(
+    full: FullOrderModel, heat: Heat, conducts: Sequence[int], *, transient: bool = False
+) -> HeatSystem:
     """Assemble the heat of a scene.
 
     Args:
         full: the full model of the scene, on one rank.
         heat: its heat.
         conducts: numbers of the contacts that conduct anywhere.
+        transient: bodies store heat, and need no other temperature than that of their start.
 
     Raises:
-        SceneError: for unknown tags, or a body to which no temperature is given.
+        SceneError: for unknown tags, a body without a conductivity, or, of transient heat, without
+            a capacity; of steady heat for a body to which no temperature is given.
     """
     assembly = _Assembly(full, heat)
     stiffness, loads, amplitudes = assembly.heat()
     fixed, values, of_fixed = _fixed(full.discretisation, heat)
     jumps = jumps_of(full)
     conducting = jumps[np.isin(full.problem.contact_pairs, list(conducts))]
-    levels, pins = _levels(stiffness, fixed, assembly.cooled, conducting)
+    levels, pins = _levels(stiffness, fixed, assembly.cooled, None if transient else conducting)
     expansion, at_rest = assembly.expansion()
     names = full.parameters.names
     return HeatSystem(
@@ -75,6 +80,7 @@ def heat_system(full: FullOrderModel, heat: Heat, conducts: Sequence[int]) -> He
         jumps=jumps,
         expansion=expansion,
         at_rest=at_rest,
+        capacity=assembly.capacity() if transient else csr_matrix(stiffness.shape),
     )
 
 
@@ -84,13 +90,7 @@ def eliminated(system: HeatSystem) -> Conduction:
     Args:
         system: heat of a scene.
     """
-    held = np.ones(len(system.lifted), dtype=bool)
-    held[system.fixed] = held[system.pins] = False
-    factor = splu(csc_matrix(system.stiffness[held][:, held]))
-    temperatures = system.lifted.copy()
-    temperatures[held] += factor.solve((system.loads - system.stiffness @ system.lifted)[held])
-    per_heat = np.zeros((len(held), system.jumps.shape[0]))
-    per_heat[held] = factor.solve(np.ascontiguousarray(system.jumps.T.toarray()[held]))
+    temperatures, per_heat = steady_fields(system, system.loads, system.jumps.T.toarray())
     return Conduction(
         amplitudes=system.amplitudes,
         temperatures=temperatures,
@@ -99,6 +99,27 @@ def eliminated(system: HeatSystem) -> Conduction:
         jumps=csc_matrix(system.jumps),
         supplied=system.levels.T @ system.loads,
     )
+
+
+def steady_fields(
+    system: HeatSystem, loads: np.ndarray, flows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Temperatures per supply, (n, t), and their fall per heat flow, (n, m), where a node of each
+    body that contact alone feeds is at 0.
+
+    Args:
+        system: heat of a scene.
+        loads: heat to each node per supply, (n, t).
+        flows: heat from each node per flow, (n, m).
+    """
+    held = np.ones(len(system.lifted), dtype=bool)
+    held[system.fixed] = held[system.pins] = False
+    factor = splu(csc_matrix(system.stiffness[held][:, held]))
+    temperatures = system.lifted.copy()
+    temperatures[held] += factor.solve((loads - system.stiffness @ system.lifted)[held])
+    per_heat = np.zeros(flows.shape)
+    per_heat[held] = factor.solve(np.ascontiguousarray(flows[held]))
+    return temperatures, per_heat
 
 
 def temperature_space(discretisation: Discretisation) -> tuple[fem.FunctionSpace, np.ndarray]:
@@ -170,7 +191,7 @@ def _fixed(
 
 
 def _levels(
-    stiffness: csr_matrix, fixed: np.ndarray, cooled: np.ndarray, conducting: csr_matrix
+    stiffness: csr_matrix, fixed: np.ndarray, cooled: np.ndarray, conducting: csr_matrix | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """1 in each part of the mesh without fixed temperature and convection, (n, b), and one node of
     each, which is held instead of the level.
@@ -179,13 +200,26 @@ def _levels(
         stiffness: K_T, (n, n).
         fixed: nodes of fixed temperatures.
         cooled: nodes with convection.
-        conducting: rows of contacts that conduct, (k, n).
+        conducting: rows of contacts that conduct, (k, n), which must determine the levels; None
+            where these have a start.
 
     Raises:
         SceneError: if no contact joins such a part to one whose temperature is determined.
     """
     count, owner = connected_components(stiffness, directed=False)
     held = np.unique(owner[np.concatenate([fixed, cooled]).astype(int)])
+    if conducting is not None:
+        _check_levels(count, owner, held, conducting)
+    levels = np.column_stack(
+        [
+            np.zeros((len(owner), 0)),
+            *(owner == part for part in range(count) if part not in held),
+        ]
+    )
+    return levels, np.array([np.flatnonzero(column)[0] for column in levels.T], dtype=int)
+
+
+def _check_levels(count: int, owner: np.ndarray, held: np.ndarray, conducting: csr_matrix) -> None:
     joined = np.zeros((count, count))
     for row in conducting:
         parts = np.unique(owner[row.indices[np.abs(row.data) > 0]])
@@ -198,13 +232,6 @@ def _levels(
             "neither a fixed temperature nor convection, and no contact that conducts joins them "
             "to a body that has. Name one, or give their contact a conductance"
         )
-    levels = np.column_stack(
-        [
-            np.zeros((len(owner), 0)),
-            *(owner == part for part in range(count) if part not in held),
-        ]
-    )
-    return levels, np.array([np.flatnonzero(column)[0] for column in levels.T], dtype=int)
 
 
 class _Assembly:
@@ -222,12 +249,13 @@ class _Assembly:
 
     def heat(self) -> tuple[csr_matrix, np.ndarray, list[Formula]]:
         """Conductivity matrix, (n, n), loads of the supplies, (n, k), and their amplitudes."""
-        trial, test = ufl.TrialFunction(self._space), ufl.TestFunction(self._space)
+        trial = ufl.TrialFunction(self._space)
+        test = ufl.TestFunction(self._space)
         form = sum(
             (
                 self._constant(value) * self._weight * ufl.inner(ufl.grad(trial), ufl.grad(test))
                 * self._discretisation.cells(tag)
-                for tag, value in self._conductivities()
+                for tag, value in self._of_bodies("conductivity")
             ),
             start=ufl.Form([]),
         )  # fmt: skip
@@ -250,6 +278,25 @@ class _Assembly:
         stiffness = self._matrix(form, len(order))[order][:, order]
         columns = np.column_stack([np.zeros((len(self._node), 0)), *loads])
         return stiffness, columns, amplitudes
+
+    def capacity(self) -> csr_matrix:
+        """Capacity matrix, (n, n).
+
+        Raises:
+            SceneError: for a body without a capacity, or an unknown one.
+        """
+        trial = ufl.TrialFunction(self._space)
+        test = ufl.TestFunction(self._space)
+        form = sum(
+            (
+                self._constant(value) * self._weight * trial * test
+                * self._discretisation.cells(tag)
+                for tag, value in self._of_bodies("capacity")
+            ),
+            start=ufl.Form([]),
+        )  # fmt: skip
+        order = np.argsort(self._node)
+        return self._matrix(form, len(order))[order][:, order]
 
     def expansion(self) -> tuple[csr_matrix, np.ndarray]:
         """Nodal forces per temperature, (N, n), and those of the reference temperatures, (N,).
@@ -329,18 +376,22 @@ class _Assembly:
         field.x.array[:] = 0.0
         return total
 
-    def _conductivities(self) -> Iterator[tuple[Any, float]]:
-        """Conductivity of each body.
+    def _of_bodies(self, name: str) -> Iterator[tuple[Any, float]]:
+        """A property of each body.
+
+        Args:
+            name: of the property in :class:`Heat`.
 
         Raises:
             SceneError: for a body without one, or an unknown body.
         """
-        for tag in self._heat.conductivity:
+        given = getattr(self._heat, name)
+        for tag in given:
             self._check(tag)
         for body in self._discretisation.scene.bodies:
-            if body.tag not in self._heat.conductivity:
-                raise SceneError(f"body {body.tag} needs a conductivity: name it in Heat(...)")
-            yield body.tag, self._heat.conductivity[body.tag]
+            if body.tag not in given:
+                raise SceneError(f"body {body.tag} needs a {name}: name it in Heat(...)")
+            yield body.tag, given[body.tag]
 
     def _check(self, tag: Any) -> None:
         if tag not in self._bodies:

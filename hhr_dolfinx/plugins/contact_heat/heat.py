@@ -102,7 +102,7 @@ Supply = HeatFlux | HeatSource | Convection
 
 @dataclass(frozen=True)
 class Heat(KnownArguments):
-    """Steady heat in the bodies of a scene, through its contacts, and the expansion that it causes.
+    """Heat in the bodies of a scene, through its contacts, and the expansion that it causes.
 
     Contact i conducts conductance(p, g) times the jump of the temperature, per area: p is the
     contact pressure, not negative, g the gap. Everything is in the units of the scene: with N and
@@ -118,6 +118,8 @@ class Heat(KnownArguments):
             that expands.
         temperatures: fixed temperatures.
         supplies: heat fluxes, heat sources and convection.
+        capacity: positive heat capacity per volume of each body, density times specific heat, by
+            cell tag: for :func:`condense_transient_heat`; steady heat does not read it.
 
     Raises:
         SceneError: for numbers that are not positive, or unknown names in formulas.
@@ -129,9 +131,10 @@ class Heat(KnownArguments):
     reference: float | Mapping[Tag, float] = 0.0
     temperatures: Sequence[FixedTemperature] = ()
     supplies: Sequence[Supply] = ()
+    capacity: Mapping[Tag, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("conductivity", "conductance", "expansion"):
+        for name in ("conductivity", "conductance", "expansion", "capacity"):
             if not isinstance(getattr(self, name), Mapping):
                 raise SceneError(
                     f"the {name} {getattr(self, name)!r} of heat must be a mapping, such as "
@@ -149,9 +152,10 @@ class Heat(KnownArguments):
         for contact in self.conductance:
             if isinstance(contact, bool) or not isinstance(contact, int):
                 raise SceneError(f"the contact {contact!r} of a conductance must be a whole number")
-        for tag, value in self.conductivity.items():
-            if not is_number(value) or value <= 0:
-                raise SceneError(f"the conductivity {value!r} of body {tag} must be positive")
+        for name in ("conductivity", "capacity"):
+            for tag, value in getattr(self, name).items():
+                if not is_number(value) or value <= 0:
+                    raise SceneError(f"the {name} {value!r} of body {tag} must be positive")
         for tag, value in self.expansion.items():
             if not is_number(value):
                 raise SceneError(f"the expansion {value!r} of body {tag} must be a number")

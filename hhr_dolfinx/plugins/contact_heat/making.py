@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-import ufl
-from dolfinx import fem
 from mpi4py import MPI
+from scipy.sparse import csc_matrix
 
-from hhr_dolfinx.amplitudes import Amplitude, check_formula
+from hhr_dolfinx.amplitudes import check_formula
 from hhr_dolfinx.errors import (
     NotOfferedError,
     PairingWarning,
@@ -23,36 +20,35 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.formulas import Scalar, box_samples, formula_of
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.loads import Assembler, Term
-from hhr_dolfinx.parameters import ParameterSpace, Tag
-from hhr_dolfinx.plugins.contact_heat.conduction import (
-    HeatSystem,
-    eliminated,
-    heat_system,
-    temperature_space,
-)
+from hhr_dolfinx.parameters import ParameterSpace, is_number
+from hhr_dolfinx.plugins.contact_heat.conduction import HeatSystem, eliminated, heat_system
 from hhr_dolfinx.plugins.contact_heat.heat import GAP_NAME, PRESSURE_NAME, Heat
-from hhr_dolfinx.plugins.contact_heat.model import HeatAnswer, HeatModel
-from hhr_dolfinx.plugins.contact_heat.parts import Conduction, HeatParts
+from hhr_dolfinx.plugins.contact_heat.heated import HeatAnswer
+from hhr_dolfinx.plugins.contact_heat.model import HeatModel
+from hhr_dolfinx.plugins.contact_heat.modes import transient_heat
+from hhr_dolfinx.plugins.contact_heat.parts import Conduction, HeatParts, TransientParts
+from hhr_dolfinx.plugins.contact_heat.thermal_loads import (
+    FLOW,
+    LEVEL,
+    HeatedFullOrder,
+    ShownTemperature,
+    augmented,
+    naming_all,
+)
+from hhr_dolfinx.plugins.contact_heat.transient import TransientHeatModel
 from hhr_dolfinx.study.condensing import condensed
 from hhr_dolfinx.warn import ignored, warn
 
 if TYPE_CHECKING:
-    from ufl.core.expr import Expr
-
     from hhr_dolfinx.models.model import AnsweringModel
-    from hhr_dolfinx.parameters import PointLike
     from hhr_dolfinx.scene import Scene
 
-CHECKED_POINTS = 16
-"""Points of the box at which sizes of heat flows are looked at."""
 TRIED_SIZES = (0.0, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9)
 """Pressures and gaps at which signs of conductances are checked at first."""
-FLOW = "heat_of_condition_"
-LEVEL = "level_of_body_"
-"""Beginnings of the names of heat flows and of temperatures of bodies, as parameters of loads."""
-ROOM = 10.0
-"""Ends of these parameters over heat flows and temperatures that contact without resistance has."""
+STEP_TOLERANCE = 1e-3
+"""Error of one step of transient heat where nothing is said."""
+LONG_STEP = 10.0
+"""Length of a step over the slowest decay, after which temperatures are nearly steady."""
 LOST_AREA = 1e-6
 """Part of the area of a contact that may have no condition: round-off."""
 
@@ -94,9 +90,108 @@ def condense_heat(scene: Scene, heat: Heat) -> HeatModel:
         >>> round(answer.outputs()["peak"], 1), float(answer.temperature().max().round(6))
         (124.5, 80.0)
     """
+    prepared = _prepared(scene, heat)
+    model = HeatModel(prepared.parts(eliminated(prepared.system)))
+    full = prepared.full
+    full.strains.corners(full, cast("AnsweringModel", _FirstBalance(model)))
+    return model
+
+
+def condense_transient_heat(
+    scene: Scene, heat: Heat, tolerance: float = STEP_TOLERANCE
+) -> TransientHeatModel:
+    """Build a model of contact and transient heat, without training: bodies warm in time, and
+    displacement follows without inertia.
+
+    Temperatures are the steady ones and modes that decay to them: Ritz vectors of temperatures
+    after one step, of all lengths from the fastest decay of the mesh to the slowest.
+
+    Args:
+        scene: the scene; its parameters are those of the heat too.
+        heat: conductivities, capacities, supplies, conductances and expansions. A body may be
+            without a determined temperature, as it has that of its start.
+        tolerance: error of temperatures after one step that a supply or heat flow starts, over its
+            steady ones; 0 keeps all modes, which are the full order model with the same steps.
+
+    Raises:
+        SceneError: for unknown tags or names, a body without a capacity, or a tolerance that
+            is not between 0 and 1.
+        NotOfferedError: see :func:`condense_heat`.
+
+    Warns:
+        SmallStrainWarning: if strains or rotations are large in a corner of the box.
+        PairingWarning: where displacements are imposed on both sides of a contact that conducts.
+
+    Example:
+        With the scene of :class:`~hhr_dolfinx.Scene`:
+
+        >>> from hhr_dolfinx.geometries import block
+        >>> heat = hhr.Heat(
+        ...     conductivity={block.SOLID: 50.0},
+        ...     conductance={},
+        ...     expansion={block.SOLID: 1e-5},
+        ...     temperatures=[hhr.FixedTemperature(block.side(1, upper=True), 80.0)],
+        ...     capacity={block.SOLID: 4.0},
+        ... )
+        >>> model = hhr.condense_transient_heat(scene, heat)
+        >>> answers = model.march({"push": 50.0}, times=[0.001, 0.01, 0.1], start=20.0)
+        >>> [float(answer.temperature().mean().round(1)) for answer in answers]
+        [32.4, 44.3, 70.7]
+    """
+    if not is_number(tolerance) or not 0 <= tolerance < 1:
+        raise SceneError(f"the tolerance {tolerance!r} of a step must be between 0 and 1")
+    prepared = _prepared(scene, heat, transient=True)
+    found = transient_heat(prepared.system, tolerance)
+    model = TransientHeatModel(
+        TransientParts(
+            prepared.parts(found.conduction),
+            found.modes.rates,
+            csc_matrix(prepared.system.capacity),
+            found.step_error,
+        )
+    )
+    full = prepared.full
+    full.strains.corners(full, cast("AnsweringModel", _LongStep(model, heat)))
+    return model
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """A scene whose heat is assembled."""
+
+    scene: Scene
+    heat: Heat
+    full: FullOrderModel
+    conductances: dict[int, Scalar]
+    system: HeatSystem
+
+    def parts(self, conduction: Conduction) -> HeatParts:
+        """Parts of a model.
+
+        Args:
+            conduction: heat of the scene, eliminated.
+        """
+        scene = self.scene
+        shown = ShownTemperature(self.heat)
+        wide = augmented(scene, self.system, conduction, shown)
+        heated = HeatedFullOrder(scene, wide, conduction, shown)
+        with ignored(SmallStrainWarning):  # heat flows are no parameters of the user
+            mechanical = condensed(heated, fields=True)
+        return HeatParts(
+            scene.parameters,
+            mechanical,
+            conduction,
+            np.array(sorted(self.conductances), dtype=np.int64),
+            tuple(self.conductances[number] for number in sorted(self.conductances)),
+            self.full.problem.contact_areas.copy(),
+        )
+
+
+def _prepared(scene: Scene, heat: Heat, *, transient: bool = False) -> _Prepared:
+    """Check a scene, and assemble its heat."""
     _check(scene)
     _check_amplitudes(scene, heat)
-    full = FullOrderModel(_naming_all(scene), MPI.COMM_SELF)
+    full = FullOrderModel(naming_all(scene), MPI.COMM_SELF)
     problem = full.problem
     if problem.kernel is not None:
         raise NotOfferedError(
@@ -110,24 +205,28 @@ def condense_heat(scene: Scene, heat: Heat) -> HeatModel:
         )
     conducting = _conducting(scene, conductances)
     _warn_of_lost_areas(full, conducting)
-    system = heat_system(full, heat, conducting)
-    conduction = eliminated(system)
-    shown = ShownTemperature(heat)
-    heated = HeatedFullOrder(scene, _augmented(scene, system, conduction, shown), conduction, shown)
-    with ignored(SmallStrainWarning):  # heat flows are no parameters of the user
-        mechanical = condensed(heated, fields=True)
-    model = HeatModel(
-        HeatParts(
-            scene.parameters,
-            mechanical,
-            conduction,
-            np.array(sorted(conductances), dtype=np.int64),
-            tuple(conductances[number] for number in sorted(conductances)),
-            problem.contact_areas.copy(),
-        )
-    )
-    full.strains.corners(full, cast("AnsweringModel", _FirstBalance(model)))
-    return model
+    system = heat_system(full, heat, conducting, transient=transient)
+    return _Prepared(scene, heat, full, conductances, system)
+
+
+@dataclass(frozen=True)
+class _LongStep:
+    """A transient model as the check of strains reads one: after a step that is longer than its
+    slowest decay, from the temperature without thermal strain.
+    """
+
+    model: TransientHeatModel
+    heat: Heat
+
+    def solve_many(self, points: Any, *, raise_on_failure: bool, outside: str) -> list[HeatAnswer]:
+        """Answers to points of the box, (n, P), each after one step."""
+        decaying = self.model.rates[self.model.rates > 0]
+        long = LONG_STEP / decaying.min() if decaying.size else 1.0
+        start = next((self.heat.reference_of(tag) for tag in self.heat.expansion), 0.0)
+        return [
+            self.model.march(point, [long], start, raise_on_failure=raise_on_failure)[0]
+            for point in points
+        ]
 
 
 @dataclass(frozen=True)
@@ -268,174 +367,3 @@ def _check_sign(scalar: Scalar, space: ParameterSpace, number: int) -> None:
                 f"{pressure:g}, g = {gap:g}: it must be a number that is not negative at any "
                 "pressure and gap"
             )
-
-
-class ShownTemperature:
-    """Temperatures whose strain stresses leave out, those of the answer that is shown.
-
-    Args:
-        heat: heat of the scene.
-    """
-
-    def __init__(self, heat: Heat):
-        self._heat = heat
-        self._lock = threading.Lock()
-        self._field: fem.Function | None = None
-
-    @contextmanager
-    def of(self, field: fem.Function) -> Iterator[None]:
-        """Show temperatures in a block of one thread at a time.
-
-        Args:
-            field: temperatures on the mesh whose stresses are requested.
-        """
-        with self._lock:
-            self._field = field
-            try:
-                yield
-            finally:
-                self._field = None
-
-    def strain(self, tag: Tag) -> tuple[Amplitude, Expr] | None:
-        """Amplitude and strain of a body; None for one that does not expand.
-
-        Args:
-            tag: the body.
-
-        Raises:
-            NotOfferedError: outside a block, where outputs are prepared.
-        """
-        if tag not in self._heat.expansion:
-            return None
-        if self._field is None:
-            raise NotOfferedError(
-                "outputs read stress or energy of a body that expands by heat through contacts: "
-                "leave them out, answer.stress() has the stress"
-            )
-        excess = self._field - self._heat.reference_of(tag)
-        return Amplitude(1.0), self._heat.expansion[tag] * excess * ufl.Identity(3)
-
-
-@dataclass(frozen=True)
-class _GivenTerms:
-    """Nodal forces with amplitudes, as a load whose strain stresses leave out."""
-
-    given: Sequence[Term]
-    shown: ShownTemperature
-
-    def terms(self, assembler: Assembler) -> list[Term]:
-        """These terms."""
-        return list(self.given)
-
-    def eigenstrain_of(self, tag: Tag, mesh: ufl.Mesh) -> tuple[Amplitude, Expr] | None:
-        """Strain by the temperatures that are shown; None for a body that does not expand.
-
-        Args:
-            tag: the body.
-            mesh: UFL mesh of the scene.
-        """
-        return self.shown.strain(tag)
-
-    def __repr__(self) -> str:
-        return f"the thermal forces of {len(self.given)} heat flows and supplies"
-
-
-@dataclass(frozen=True)
-class _NoForce:
-    """A load without force that names parameters."""
-
-    names: tuple[str, ...]
-
-    def terms(self, assembler: Assembler) -> list[Term]:
-        """No force."""
-        amplitude = Amplitude(slopes=dict.fromkeys(self.names, 1.0))
-        return [Term(amplitude, np.zeros(assembler.size))]
-
-
-class HeatedFullOrder(FullOrderModel):
-    """Full order whose further parameters are heat flows and levels; its stresses leave out the
-    thermal strain.
-
-    Args:
-        scene: the scene of the user.
-        augmented: this scene with the further parameters.
-        conduction: temperatures of the scene.
-        shown: temperatures of the load of the scene.
-    """
-
-    def __init__(
-        self, scene: Scene, augmented: Scene, conduction: Conduction, shown: ShownTemperature
-    ):
-        super().__init__(augmented, MPI.COMM_SELF)
-        self._count = len(scene.parameters.names)
-        self._conduction = conduction
-        self._shown = shown
-        self._space, self._node = temperature_space(self.discretisation)
-
-    def stress_of(self, displacement: np.ndarray, mu: PointLike | None = None) -> np.ndarray:
-        """Stress in the middle of each cell, see
-        :meth:`hhr_dolfinx.full_order.full.FullOrderModel.stress_of`.
-
-        Args:
-            displacement: the displacement, (N,).
-            mu: parameters, with heat flows and levels, (P + m + b,); None for the middle.
-        """
-        # flows and levels are answers: the box, which scales claims, does not bound them
-        point = self.problem.middle if mu is None else np.asarray(mu, dtype=float)
-        field = fem.Function(self._space)
-        field.x.array[:] = self._conduction.temperature(point, self._count)[self._node]
-        with self._shown.of(field):
-            return self.discretisation.stress(displacement, point)
-
-
-def _augmented(
-    scene: Scene, system: HeatSystem, conduction: Conduction, shown: ShownTemperature
-) -> Scene:
-    """The scene whose further parameters are heat flows and levels; supplies are loads."""
-    flows = [f"{FLOW}{k}" for k in range(conduction.per_heat.shape[1])]
-    levels = [f"{LEVEL}{k}" for k in range(conduction.levels.shape[1])]
-    space = scene.parameters
-    added = [*flows, *levels]
-    flow, level = _sizes(space, conduction)
-    ends = np.repeat([ROOM * flow, ROOM * level], [len(flows), len(levels)])
-    wide = ParameterSpace(
-        (*space.names, *added),
-        (*space.lower, *(-ends)),
-        (*space.upper, *ends),
-    )
-    expansion = system.expansion
-    columns = np.hstack([-conduction.per_heat, conduction.levels])
-    terms = [Term(Amplitude(1.0), system.at_rest)]
-    terms += [
-        Term(formula_of(scalar.text, "an amplitude"), expansion @ field)
-        for scalar, field in zip(conduction.amplitudes, conduction.temperatures.T, strict=True)
-    ]
-    terms += [
-        Term(Amplitude(slopes={name: 1.0}), expansion @ column)
-        for name, column in zip(added, columns.T, strict=True)
-    ]
-    named = _naming_all(scene)
-    return replace(named, parameters=wide, loads=(*named.loads, _GivenTerms(tuple(terms), shown)))
-
-
-def _sizes(space: ParameterSpace, conduction: Conduction) -> tuple[float, float]:
-    """Largest heat flow of a condition and largest temperature where contacts have no resistance,
-    at points of the box; 1 where there are none.
-    """
-    supplies = np.array(
-        [conduction.supplies(point) for point in box_samples(space)[:CHECKED_POINTS]]
-    )
-    temperatures = np.abs(supplies @ conduction.temperatures.T).max(initial=0.0)
-    jumps = np.abs(supplies @ (conduction.jumps @ conduction.temperatures).T).max(initial=0.0)
-    supplied = np.abs(supplies @ conduction.supplied.T).max(initial=0.0)
-    compliance = (conduction.jumps @ conduction.per_heat).diagonal().mean()
-    flow = max(float(jumps / compliance) if compliance > 0 else 0.0, float(supplied))
-    level = max(float(temperatures), float(supplied * max(compliance, 0.0)))
-    return flow or 1.0, level or 1.0
-
-
-def _naming_all(scene: Scene) -> Scene:
-    """The scene with a load of no force that names all parameters, as heat may depend on those that
-    nothing else does.
-    """
-    return replace(scene, loads=(*scene.loads, _NoForce(scene.parameters.names)))

@@ -61,7 +61,7 @@ class Scales(NamedTuple):
     level: float
 
 
-def solved(
+def solved_together(
     contact: CoupledContact, forces: np.ndarray, flows: np.ndarray, *, falling: bool = False
 ) -> CoupledSolution:
     """Solve for forces, heat flows and temperatures of bodies together.
@@ -180,9 +180,9 @@ def by_conducting_gaps(
     for part in (*GAP_CONDUCTANCES, 0.0):
         added = part * largest
         more = contact._replace(conductance=_with_gas(contact.conductance, added))
-        found = solved(more, forces, flows)
+        found = solved_together(more, forces, flows)
         if not found.converged:
-            found = solved(more, forces, flows, falling=True)
+            found = solved_together(more, forces, flows, falling=True)
         if found.converged:
             forces, flows = found.forces, np.concatenate([found.heat, found.levels])
     assert found is not None

@@ -19,7 +19,8 @@ from hhr_dolfinx.plain import Rebuilt
 class Conduction(Rebuilt):
     """Temperatures by supplies, heat flows of contacts and levels of bodies.
 
-    n nodes, m conditions, b bodies that contact alone feeds, t supplies and fixed temperatures.
+    n nodes, m conditions, b bodies that contact alone feeds, or modes of transient heat, t supplies
+    and fixed temperatures.
     """
 
     has_own_sizes: ClassVar[bool] = True
@@ -28,10 +29,10 @@ class Conduction(Rebuilt):
     temperatures: Annotated[Floats, "n", "t"]  #: per amplitude
     #: fall of the temperature per heat flow, K_T^-1 B_T^T, (n, m)
     per_heat: Annotated[Floats, "n", "m"]
-    levels: Annotated[Floats, "n", "b"]  #: 1 in each body that contact alone feeds
+    levels: Annotated[Floats, "n", "b"]  #: 1 in each body that contact alone feeds; modes
     #: B_T, temperature of the first surface less that of the second, (m, n)
     jumps: Annotated[csc_matrix, "m", "n"]
-    #: heat to each body that contact alone feeds, per amplitude, (b, t)
+    #: heat to each body that contact alone feeds, per amplitude; of modes without decay, or 0
     supplied: Annotated[Floats, "b", "t"]
 
     def supplies(self, point: np.ndarray) -> np.ndarray:
@@ -68,3 +69,17 @@ class HeatParts(Rebuilt):
     #: their conductances; the last two names are the pressure and the gap
     conductances: tuple[Scalar, ...]
     areas: Annotated[Floats, "m"]  #: tributary areas, (m,)
+
+
+@dataclass(frozen=True, eq=False)
+class TransientParts(Rebuilt):
+    """All that a model with transient heat is made of; its levels are modes."""
+
+    has_own_sizes: ClassVar[bool] = True
+
+    heated: HeatParts
+    rates: Annotated[Floats, "b"]  #: of decay, 1 / time; 0 of bodies that contact alone feeds
+    capacity: Annotated[csc_matrix, "n", "n"]  #: M_T, heat that nodes store per rise
+    #: largest error of temperatures after one step that ends in steady ones of one supply or heat
+    #: flow, over these, at lengths of steps for which modes were not made
+    step_error: float

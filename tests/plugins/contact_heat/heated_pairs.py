@@ -17,6 +17,7 @@ from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
 YOUNG = {FIRST: 200.0, SECOND: 70.0}
 POISSON = {FIRST: 0.3, SECOND: 0.2}
 CONDUCTIVITY = {FIRST: 20.0, SECOND: 50.0}
+CAPACITY = {FIRST: 3.0, SECOND: 2.0}
 EXPANSION = {FIRST: 2.3e-5, SECOND: 1.2e-5}
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(4)
 GAUSS = [
@@ -109,6 +110,7 @@ def heat(**more):
     given = {
         "conductivity": CONDUCTIVITY,
         "conductance": {0: CONDUCTANCE},
+        "capacity": CAPACITY,
         "expansion": EXPANSION,
         "reference": 10.0,
         "temperatures": [
@@ -151,7 +153,7 @@ class Coupled:
 
     def _assemble(self):
         n = len(self.points)
-        entries = {"k": [], "t": [], "c": []}
+        entries = {"k": [], "t": [], "c": [], "m": []}
         for cell, tag in zip(self.cells, self.tags, strict=True):
             young, nu = YOUNG[tag], POISSON[tag]
             lam, mu = young * nu / (1 + nu) / (1 - 2 * nu), young / 2 / (1 + nu)
@@ -174,11 +176,14 @@ class Coupled:
                 if self._round:
                     strain[2, ::2] = values / radius
                 entries["k"].append((dofs, dofs, w * strain.T @ d @ strain))
+                stored = w * CAPACITY[tag] * np.outer(values, values)
+                entries["m"].append((cell, cell, stored))
                 entries["t"].append((cell, cell, w * CONDUCTIVITY[tag] * g @ g.T))
                 volume = np.array([1, 1, 1, 0]) @ strain
                 entries["c"].append((dofs, cell, w * beta * np.outer(volume, values)))
         self.stiffness = _summed(entries["k"], (2 * n, 2 * n))
         self.conductivity = _summed(entries["t"], (n, n))
+        self.capacity = _summed(entries["m"], (n, n))
         self.expansion = _summed(entries["c"], (2 * n, n))
 
     def _areas(self, nodes):
@@ -196,28 +201,42 @@ class Coupled:
 
     def solve(self, push, warm, rounds=400):
         """Forces and heat flows from the lower to the upper block."""
+        return self._settled(push, warm, 0 * self.capacity, np.zeros(len(self.points)), rounds)
+
+    def march(self, pushes, warms, times, start):
+        """The same at the ends of implicit steps from a temperature of all nodes."""
+        temperature = np.full(len(self.points), start)
+        found = []
+        for push, warm, length in zip(pushes, warms, np.diff(times, prepend=0.0), strict=True):
+            stored = self.capacity / length
+            found.append(self._settled(push, warm, stored, stored @ temperature))
+            temperature = found[-1][2]
+        return found
+
+    def _settled(self, push, warm, stored, before, rounds=400):
         m = len(self.pairs)
         forces, gaps = np.zeros(m), self.gaps.copy()
         for _ in range(rounds):
             h = self.areas * conducted(np.maximum(forces, 0) / self.areas, np.maximum(gaps, 0))
-            temperature, flows = self._heated(h, warm)
+            temperature, flows = self._heated(h, warm, stored, before)
             new, gaps = self._touching(temperature - 10.0, push)
             if np.abs(new - forces).max() <= 1e-14 * np.abs(new).max():
                 return new, flows, temperature
             forces = (forces + new) / 2
         raise AssertionError("the reference does not settle")
 
-    def _heated(self, h, warm):
+    def _heated(self, h, warm, stored, before):
         n, m = len(self.points), len(self.pairs)
         rows = np.arange(m)
         jump = coo_matrix(
             (np.r_[np.ones(m), -np.ones(m)], (np.r_[rows, rows], self.pairs.T.ravel())), (m, n)
         ).tocsr()
-        matrix = self.conductivity + jump.T @ csr_matrix(np.diag(h)) @ jump
+        matrix = self.conductivity + jump.T @ csr_matrix(np.diag(h)) @ jump + stored
         temperature = np.zeros(n)
         temperature[self.bottom], temperature[self.top] = 5.0, warm
         free = np.setdiff1d(np.arange(n), np.r_[self.bottom, self.top])
-        temperature[free] = spsolve(matrix[free][:, free], -(matrix @ temperature)[free])
+        heat = (before - matrix @ temperature)[free]
+        temperature[free] = spsolve(matrix[free][:, free], heat)
         return temperature, h * (jump @ temperature)
 
     def _touching(self, warmth, push):

@@ -23,7 +23,7 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
-from hhr_dolfinx.plugins.contact_heat import model as heat_model
+from hhr_dolfinx.plugins.contact_heat import by_sets
 
 
 @pytest.mark.filterwarnings("ignore:parameters")  # of the mesh alone, without heat
@@ -380,7 +380,7 @@ def test_both_methods_end_in_the_same_balances(monkeypatch):
     model = hhr.condense_heat(blocks(), heat())
     points = model.parameters.random(20, 1)
     fast = model.solve_many(points, both=False)
-    monkeypatch.setattr(heat_model, "solved_by_sets", lambda *_: None)
+    monkeypatch.setattr(by_sets, "solved_by_sets", lambda *_: None)
     for one, other in zip(fast, model.solve_many(points, both=False), strict=True):
         size = one.forces().max()
         np.testing.assert_allclose(other.forces(), one.forces(), rtol=0, atol=1e-10 * size)
@@ -394,12 +394,16 @@ def test_both_methods_end_in_the_same_balances(monkeypatch):
 def test_the_example_of_the_page_runs_and_has_its_numbers(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     page = (Path(__file__).parents[3] / "docs/heat.md").read_text("utf-8")
-    program = page.partition("```python\n")[2].partition("```")[0]
+    program, in_time = (part.partition("```")[0] for part in page.split("```python\n")[1:])
     variables = {}
     exec(compile(program, "heat.md", "exec"), variables)
     outputs = variables["answer"].outputs()
     assert f"peak {outputs['peak']:.1f} MPa" in program
     assert f"second: {outputs['heat 0']:.0f} mW/mm" in program
+    exec(compile(in_time, "heat.md", "exec"), variables)
+    flows = [answer.outputs()["heat 0"] for answer in variables["answers"]]
+    assert f"# {flows[0]:.0f}, .., {flows[-1]:.0f} mW/mm" in in_time
+    assert f"# {variables['transient'].step_error:.0e}" in in_time
     assert (tmp_path / "warm.npz").is_file() and (tmp_path / "warm.png").is_file()
 
 

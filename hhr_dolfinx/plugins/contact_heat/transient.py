@@ -1,0 +1,231 @@
+"""Condensed models with transient heat through contacts."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import splu
+
+from hhr_dolfinx.errors import ConvergenceError, OutsideTrainingWarning, ParameterError
+from hhr_dolfinx.parameters import is_number
+from hhr_dolfinx.plugins.contact_heat.by_sets import SetResponses, solved
+from hhr_dolfinx.plugins.contact_heat.heated import HeatAnswer, HeatedModel
+from hhr_dolfinx.plugins.contact_heat.newton import (
+    CoupledContact,
+    CoupledSolution,
+    by_conducting_gaps,
+)
+from hhr_dolfinx.plugins.contact_heat.parts import TransientParts
+from hhr_dolfinx.warn import warn
+
+LOST_START = 0.01
+"""Part of the temperatures at the start that modes may lose without a word."""
+KEPT_STEPS = 8
+"""Most lengths of steps whose matrices are kept."""
+
+
+class _Step(NamedTuple):
+    """What depends on the length of a step: amplitudes are weights * (..) + per_flow @ flows."""
+
+    weights: np.ndarray  #: amplitude after the step over that before, (r,)
+    per_flow: np.ndarray  #: amplitudes per heat flow, (r, m)
+    compliance: np.ndarray  #: jump of the temperature that a heat flow takes away, (m, m)
+    per_heat: np.ndarray  #: slack per heat flow, (m, m)
+    responses: SetResponses
+
+
+class TransientHeatModel(HeatedModel):
+    """Condensed model of contact and transient heat, without training.
+
+    Steps are implicit (backward Euler); with all modes they are those of the full order model.
+    Made by :func:`~hhr_dolfinx.plugins.contact_heat.making.condense_transient_heat`.
+
+    Args:
+        parts: its data.
+
+    Attributes:
+        rates: of the decay of modes, 1 / time, (r,).
+        step_error: largest error of temperatures after one step from zero to the steady ones of a
+            supply or heat flow, over these, at lengths that were left for it; 0 with all modes.
+    """
+
+    def __init__(self, parts: TransientParts):
+        super().__init__(parts.heated)
+        self.transient = parts
+        self.rates = parts.rates
+        self.step_error = parts.step_error
+        shapes = self.conduction.levels
+        stored = parts.capacity @ shapes
+        self._capacities = np.einsum("nr,nr->r", shapes, stored)
+        self._reading = stored.T / self._capacities[:, None]
+        self._given = self._reading @ self.conduction.temperatures
+        self._flowing = self._reading @ self.conduction.per_heat
+        self._fed = (parts.rates == 0)[:, None] / self._capacities[:, None]
+        self._steps: OrderedDict[float, _Step] = OrderedDict()
+
+    def __repr__(self) -> str:
+        return (
+            f"<condensed model with transient heat: {self.conditions} contact conditions, "
+            f"{self.rates.size} modes, {len(self.parameters.names)} parameters>"
+        )
+
+    def march(
+        self, points: Any, times: Any, start: Any, *, raise_on_failure: bool = True
+    ) -> list[HeatAnswer]:
+        """Answers at the ends of time steps; the history starts at time 0.
+
+        Args:
+            points: parameters during each step, (n, P), or one of all steps, (P,).
+            times: ends of the steps, positive and rising, (n,).
+            start: temperature at time 0: a number, or those of the nodes, (nodes,), such as
+                ``answer.temperature()`` of the steady model.
+            raise_on_failure: raise where a step finds no balance; else its answer and all later
+                ones are NaN.
+
+        Raises:
+            ParameterError: for points outside the box, times that do not rise, or temperatures that
+                are not those of the nodes.
+            ConvergenceError: where a step finds no balance, with its time.
+
+        Warns:
+            OutsideTrainingWarning: for temperatures at the start that few modes do not have.
+        """
+        ends = _times(times)
+        checked = self._points(points, ends.size)
+        amplitudes = self._starting(start)
+        answers: list[HeatAnswer] = []
+        last: HeatAnswer | None = None
+        for point, end, length in zip(checked, ends, np.diff(ends, prepend=0.0), strict=True):
+            last = self._stepped(point, float(length), amplitudes, last)
+            if raise_on_failure and not last.converged:
+                raise ConvergenceError(
+                    f"contact and heat find no balance at time {end:g}, at "
+                    f"{self.parameters.described(point)}, after {len(answers)} steps that do: "
+                    "take shorter steps, or a smoother conductance; raise_on_failure=False keeps "
+                    "the answers before"
+                )
+            supplies = self.conduction.supplies(point)
+            amplitudes = last.levels + self._given @ supplies - self._flowing @ last.heat
+            answers.append(last)
+        return answers
+
+    def _points(self, points: Any, count: int) -> np.ndarray:
+        given = points if isinstance(points, dict) else np.asarray(points, dtype=float)
+        if isinstance(given, dict) or given.ndim == 1:
+            return np.tile(self.parameters.point(points), (count, 1))
+        checked = self.parameters.points(given)
+        if len(checked) != count:
+            raise ParameterError(f"{len(checked)} points and {count} times: one for each step")
+        return checked
+
+    def _starting(self, start: Any) -> np.ndarray:
+        """Amplitudes of temperatures, (r,)."""
+        nodes = self._reading.shape[1]
+        if is_number(start):
+            start = np.full(nodes, float(start))
+        try:
+            field = np.asarray(start, dtype=float)
+        except (TypeError, ValueError):
+            field = np.array(np.nan)
+        if field.shape != (nodes,) or not np.isfinite(field).all():
+            raise ParameterError(
+                f"the start must be a finite temperature, or one of each of the {nodes} nodes, and "
+                f"not an array of shape {field.shape}"
+            )
+        self._warn_of_lost(field)
+        return self._reading @ field
+
+    def _warn_of_lost(self, field: np.ndarray) -> None:
+        """Warn of a start that is none of a warm body, a steady temperature or a history."""
+        if self.step_error == 0 or not field.any():
+            return
+        shapes = self.conduction.levels
+        free = np.flatnonzero(shapes.any(axis=1))
+        capacity = csc_matrix(self.transient.capacity[free][:, free])
+        stored = (self.transient.capacity @ field)[free]
+        near = splu(capacity).solve(stored)
+        rest = near - shapes[free] @ (self._reading @ field)
+        lost = np.sqrt(max(rest @ (capacity @ rest), 0.0) / (near @ stored))
+        if lost > LOST_START:
+            warn(
+                f"the start has {lost:.1%} of its size beside all temperatures that the modes of "
+                "this model have, and loses them: condense_transient_heat(..., tolerance=0) has "
+                "all modes",
+                OutsideTrainingWarning,
+            )
+
+    def _stepped(
+        self, point: np.ndarray, length: float, amplitudes: np.ndarray, last: HeatAnswer | None
+    ) -> HeatAnswer:
+        """Answer after a step from the amplitudes of temperatures before, (r,)."""
+        step = self._step(length)
+        contact = self._coupled(point)
+        supplies = self.conduction.supplies(point)
+        warming = self._fed * self.conduction.supplied * length - self._given
+        kept = step.weights * (amplitudes + warming @ supplies)
+        m = self.conditions
+        nothing = np.zeros((m, 0))
+        of_step = contact._replace(
+            slack=contact.slack + self._per_heat[:, m:] @ kept,
+            per_heat=step.per_heat,
+            jump=contact.jump + self._levels @ kept,
+            compliance=step.compliance,
+            levels=nothing,
+            supplied=np.zeros(0),
+        )
+        found = self._found(of_step, step, last)
+        levels = kept + step.per_flow @ found.heat
+        whole = CoupledSolution(
+            found.forces, found.slack, found.heat, levels, found.steps, found.converged
+        )
+        return self._answer(point, contact, whole, several=False)
+
+    def _found(
+        self, contact: CoupledContact, step: _Step, last: HeatAnswer | None
+    ) -> CoupledSolution:
+        """Balance from that of the step before, or else from contact without heat, or else by gaps
+        that conduct less and less.
+        """
+        nothing = np.zeros(self.conditions)
+        if last is not None:
+            if not last.converged:
+                lost = np.full(self.conditions, np.nan)
+                return CoupledSolution(lost, lost, lost.copy(), np.zeros(0), 0, False)
+            found = solved(contact, last.forces(), last.heat, step.responses)
+            if found.converged:
+                return found
+        forces = self._without_heat(contact.slack)
+        found = solved(contact, forces, nothing, step.responses)
+        return found if found.converged else by_conducting_gaps(contact, forces, nothing)
+
+    def _step(self, length: float) -> _Step:
+        found = self._steps.get(length)
+        if found is None:
+            weights = 1.0 / (1.0 + length * self.rates)
+            fed = self._fed * self._levels.T * length
+            per_flow = weights[:, None] * (self._flowing - fed)
+            per_heat = self._per_heat[:, : self.conditions] + (
+                self._per_heat[:, self.conditions :] @ per_flow
+            )
+            compliance = self._compliance - self._levels @ per_flow
+            responses = SetResponses(self._schur, per_heat)
+            found = self._steps[length] = _Step(weights, per_flow, compliance, per_heat, responses)
+            while len(self._steps) > KEPT_STEPS:
+                self._steps.popitem(last=False)
+        return found
+
+
+def _times(times: Sequence[float]) -> np.ndarray:
+    ends = np.atleast_1d(np.asarray(times, dtype=float))
+    if not ends.size:
+        raise ParameterError("a history of no times has no steps")
+    if ends.ndim != 1 or not np.isfinite(ends).all() or (np.diff(ends, prepend=0.0) <= 0).any():
+        raise ParameterError(
+            "the times of a history must be finite, positive and rising: ends of its steps, which "
+            "start at 0"
+        )
+    return ends
