@@ -600,7 +600,10 @@ class CondensedStepper(CorrectionStepper):
         material = model.material.at(goal.parameter)
         theta = model.amplitudes(goal.parameter)
         before = gauss_of(here).state
-        memory = np.concatenate([before.inelastic.T, before.cumulated[None], before.memory.T])
+        # rows one after another: other orders would be compiled anew, which takes half a minute
+        memory = np.ascontiguousarray(
+            np.concatenate([before.inelastic.T, before.cumulated[None], before.memory.T])
+        )
         further = memory, goal.time - here.time
         laws: StepLaws = self._last.of(material, lambda: laws_of(material))
         # without a correction, so that these are the forces of the elastic bodies

@@ -71,7 +71,7 @@ class StrainOperator:
     def strain(self, field: np.ndarray) -> np.ndarray:
         """Strain of a field (size,) at all Gauss points, (gauss_points, components)."""
         out = np.empty((self.gauss_points, self.components))
-        _strain(self.gradients, self.dofs, field, out)
+        _strain(self.gradients, self.dofs, np.ascontiguousarray(field), out)
         return out
 
     def internal(self, stress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -83,7 +83,8 @@ class StrainOperator:
         """
         out = np.zeros(self.size)
         size = np.zeros(self.size)
-        _internal(self.gradients, self.weights, self.dofs, stress, out, size)
+        rows = np.ascontiguousarray(stress)  # another order would be compiled anew
+        _internal(self.gradients, self.weights, self.dofs, rows, out, size)
         return out, size
 
     def pattern(self) -> SparsePattern:
