@@ -63,11 +63,19 @@ def all_imports(name, types=False):
     return found
 
 
+@functools.cache
+def walked(path):
+    """All nodes of a file, which several tests read."""
+    return list(ast.walk(ast.parse(path.read_text())))
+
+
 def nodes(*kinds, paths=None):
     """Nodes of these kinds in files of the package, each behind its path."""
-    trees = ((path, ast.parse(path.read_text())) for path in paths or MODULES.values())
     return [
-        (path, node) for path, tree in trees for node in ast.walk(tree) if isinstance(node, kinds)
+        (path, node)
+        for path in paths or MODULES.values()
+        for node in walked(path)
+        if isinstance(node, kinds)
     ]
 
 

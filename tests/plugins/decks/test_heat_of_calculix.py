@@ -1,0 +1,78 @@
+"""Heat through contacts beside CalculiX: `*GAP CONDUCTANCE`, constant or by pressure."""
+
+import numpy as np
+import pytest
+from deck_runs import run_calculix, started
+from deck_texts import block_lines
+from needs import needs
+
+import hhr_dolfinx as hhr
+
+pytestmark = needs("contact_heat")
+TABLE = "2., 0., 0.\n30., 20., 0.\n50., 60., 0."
+OF_TABLE = "2 + 28 * min(p, 20) / 20 + 20 * min(max(p - 20, 0), 40) / 40"
+CONDUCTIVITY, EXPANSION, COLD, WARM = 20.0, 1e-4, 0.0, 100.0
+THERMAL = f"*EXPANSION, ZERO=0.\n{EXPANSION}\n*CONDUCTIVITY\n{CONDUCTIVITY}"
+
+
+def deck(poisson, cold="LOWER_Z0", conductance=None, kind="NODE TO SURFACE"):
+    """Two cubes pressed on each other, with heat where there is a conductance."""
+    lines = block_lines("LOWER", 1, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (3, 3, 2))
+    lines += block_lines("UPPER", 1001, (0.0, 0.0, 1.0), (1.0, 1.0, 2.0), (3, 3, 2))
+    lines += [f"*MATERIAL, NAME=STEEL\n*ELASTIC\n1000., {poisson}"]
+    lines += [THERMAL] if conductance else []
+    lines += [f"*SOLID SECTION, ELSET={name}, MATERIAL=STEEL" for name in ("LOWER", "UPPER")]
+    lines += ["*SURFACE INTERACTION, NAME=TOUCH"]
+    if conductance:
+        lines += ["*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR\n1e7"]
+        lines += [f"*GAP CONDUCTANCE\n{conductance}"]
+    lines += [f"*CONTACT PAIR, INTERACTION=TOUCH, TYPE={kind}\nUPPER_BOTTOM, LOWER_TOP"]
+    lines += ["*BOUNDARY\nLOWER_Z0, 1, 3\nUPPER_Z1, 1, 2\nUPPER_Z0, 1, 2\nLOWER_Z1, 1, 2"]
+    if not conductance:
+        return "\n".join([*lines, "*STEP\n*STATIC\n*BOUNDARY\nUPPER_Z1, 3, 3, -.02\n*END STEP\n"])
+    lines += ["*INITIAL CONDITIONS, TYPE=TEMPERATURE\nALL, 0."]
+    lines += ["*STEP, INC=1000\n*COUPLED TEMPERATURE-DISPLACEMENT, STEADY STATE\n1., 1."]
+    lines += [
+        "*BOUNDARY\nUPPER_Z1, 3, 3, -.02",
+        f"{cold}, 11, 11, {COLD}\nUPPER_Z1, 11, 11, {WARM}",
+    ]
+    return "\n".join([*lines, "*END STEP\n"])
+
+
+def asked(cold):
+    force = "*NODE PRINT, NSET=LOWER_Z0, TOTALS=ONLY\nRF"
+    flow = f"*NODE PRINT, NSET={cold}, TOTALS=ONLY\nRFL"
+    return f"{force}\n{flow}\n*NODE PRINT, NSET=ALL\nNT"
+
+
+@pytest.mark.parametrize(
+    ("poisson", "cold", "line", "formula", "kind", "close"),
+    [
+        # flows from one side to another one around a corner, which the contact determines
+        (0.3, "LOWER_X0", "20., , 0.", 20.0, "NODE TO SURFACE", 1e-5),
+        (0.3, "LOWER_Z0", "20., , 0.", 20.0, "NODE TO SURFACE", 1e-5),
+        # its pairs of nodes do not know their pressure, so by surfaces, whose integrals are ours
+        # where pressure and temperature do not change along them
+        (0.0, "LOWER_Z0", TABLE, OF_TABLE, "SURFACE TO SURFACE", 2e-3),
+    ],
+)
+def test_flows_and_forces_are_those_of_calculix(
+    poisson, cold, line, formula, kind, close, tmp_path
+):
+    scene, _ = started(tmp_path, deck(poisson))
+    rows = run_calculix(tmp_path, deck(poisson, cold, line, kind), asked(cold))
+    if not rows:
+        pytest.skip("ccx, CalculiX, is not installed")
+    both = ("LOWER", "UPPER")
+    heat = hhr.Heat(
+        conductivity=dict.fromkeys(both, CONDUCTIVITY),
+        conductance={0: formula},
+        expansion=dict.fromkeys(both, EXPANSION),
+        temperatures=[hhr.FixedTemperature(cold, COLD), hhr.FixedTemperature("UPPER_Z1", WARM)],
+    )
+    answer = hhr.condense_heat(scene, heat).solve(scene.parameters.middle)
+    force, flow = rows[0][2], rows[1][0]
+    assert answer.forces().sum() == pytest.approx(force, rel=2e-3)
+    assert answer.heat_through(0) == pytest.approx(-flow, rel=close)
+    temperatures = np.sort([row[1] for row in rows[2:]])
+    np.testing.assert_allclose(np.sort(answer.temperature()), temperatures, atol=close * WARM)
