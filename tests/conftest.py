@@ -8,12 +8,14 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import hertz_half_discs as demo
 import pytest
+import slow_suite
 from hypothesis import HealthCheck, settings
 from needs import present
 from no_skips import pytest_make_collect_report, pytest_runtest_makereport  # noqa: F401
 from processes import forget_own_folders
+from quick_forms import compile_quickly
 from scenes import THESIS
-from slow_suite import keep_slice, pytest_addoption, pytest_configure  # noqa: F401
+from slow_suite import keep_slice, pytest_addoption  # noqa: F401
 
 import hhr_dolfinx as hhr
 
@@ -21,6 +23,13 @@ import hhr_dolfinx as hhr
 import hhr_dolfinx.command.making
 
 forget_own_folders()
+
+
+def pytest_configure(config):
+    compile_quickly(config)
+    slow_suite.pytest_configure(config)
+
+
 # nothing depends on the clock of a busy machine
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("patient")

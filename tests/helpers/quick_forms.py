@@ -1,0 +1,26 @@
+"""Forms of the fast tests are compiled without optimisation: most run once, on some cells."""
+
+import json
+import os
+from pathlib import Path
+
+FOLDER = Path(__file__).parents[2] / ".pytest_cache" / "quick_forms"
+OPTIONS = {"cffi_extra_compile_args": ["-O0", "-g0"]}
+
+
+def compile_quickly(config):
+    """Give DOLFINx options of its compiler, in processes of tests too.
+
+    Nothing is done where slow tests are asked for, which measure times, or where a user has
+    options of their own.
+    """
+    if "not slow" not in config.option.markexpr or "XDG_CONFIG_HOME" in os.environ:
+        return
+    own = Path.home() / ".config" / "dolfinx" / "dolfinx_jit_options.json"
+    if own.exists():
+        return
+    file = FOLDER / "dolfinx" / own.name
+    if not file.exists():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(OPTIONS))
+    os.environ["XDG_CONFIG_HOME"] = str(FOLDER)
