@@ -14,9 +14,10 @@ from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.errors import HHRError, SceneError
 from hhr_dolfinx.formulas import IMAGINARY_STEP, Formula
 from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.eliminations.elimination import differentiated
 from hhr_dolfinx.models.functionals.functional import Outputs
 from hhr_dolfinx.plugins.contact_heat.heat import GAP_NAME, PRESSURE_NAME
-from hhr_dolfinx.plugins.contact_heat.newton import CoupledContact, CoupledSolution
+from hhr_dolfinx.plugins.contact_heat.newton import CoupledChanges, CoupledContact, CoupledSolution
 from hhr_dolfinx.plugins.contact_heat.parts import HeatParts
 
 if TYPE_CHECKING:
@@ -104,6 +105,53 @@ class HeatedModel:
             areas=self._areas,
             conductance=lambda pressures, gaps: self._conducted(point, pressures, gaps),
         )
+
+    def _gradient(self, answer: HeatAnswer, changes: np.ndarray) -> dict[str, np.ndarray]:
+        """Derivatives of all outputs along the parameters of the user, (P,) each, by those of heat
+        flows and levels, (m + b, P).
+        """
+        count = len(self.parameters.names)
+        gradient = {
+            f"heat {contact}": changes[: self.conditions][self.pairs == contact].sum(axis=0)
+            for contact in self.conductances
+        }
+        if self.mechanical.fields.functionals is None:
+            return gradient
+        contact = self.mechanical.eliminated(answer.heated)
+        along = differentiated(contact, answer.mechanical).outputs().gradient
+        assert along is not None
+        of_scene = {name: of[:count] + of[count:] @ changes for name, of in along.items()}
+        return {**of_scene, **gradient}
+
+    def _along(self, answer: HeatAnswer) -> CoupledChanges:
+        """Derivatives of the problem of an answer along the parameters of the user, at constant
+        heat flows and levels.
+        """
+        point = answer.parameter
+        acting, slopes = self._amplitudes.slopes_at(self._without_flows(point))
+        supplies = self._supply_slopes(point)
+        return CoupledChanges(
+            slack=self._free_slack[:, acting] @ slopes[:, : len(self.parameters.names)],
+            jump=self._jumps @ supplies,
+            supplied=self.conduction.supplied @ supplies,
+            conductance=self._conducted_changes(point, answer.forces() / self._areas, answer.gaps),
+        )
+
+    def _supply_slopes(self, point: np.ndarray) -> np.ndarray:
+        """Derivatives of supplies and fixed temperatures along the parameters, (t, P)."""
+        found = np.array([one.derivative(point) for one in self.conduction.amplitudes])
+        return found.reshape(-1, len(self.parameters.names))
+
+    def _conducted_changes(
+        self, point: np.ndarray, pressures: np.ndarray, gaps: np.ndarray
+    ) -> np.ndarray:
+        """Derivatives of the conductances along the parameters, (m, P)."""
+        changes = np.zeros((pressures.size, point.size))
+        for rows, formula, values in self._formulas(point, pressures, gaps):
+            for place, name in enumerate(self.parameters.names):
+                if name in formula.variables:
+                    changes[rows, place] = derivative(formula, values, name)
+        return changes
 
     def _conducted(
         self, point: np.ndarray, pressures: np.ndarray, gaps: np.ndarray

@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 
 from hhr_dolfinx.errors import ConvergenceError, StabilityWarning
-from hhr_dolfinx.models.eliminations.elimination import differentiated
 from hhr_dolfinx.models.functionals.functional import Outputs
 from hhr_dolfinx.plugins.contact_heat.by_sets import SetResponses, solved
-from hhr_dolfinx.plugins.contact_heat.heated import HeatAnswer, HeatedModel, derivative
+from hhr_dolfinx.plugins.contact_heat.heated import HeatAnswer, HeatedModel
 from hhr_dolfinx.plugins.contact_heat.newton import (
-    CoupledChanges,
     CoupledContact,
     CoupledSolution,
     by_conducting_gaps,
@@ -148,51 +146,11 @@ class HeatModel(HeatedModel):
             gradient: add derivatives along the parameters, at the statuses of the answer.
         """
         answer = self.solve(point)
-        return replace(answer.outputs(), gradient=self._gradient(answer) if gradient else None)
-
-    def _gradient(self, answer: HeatAnswer) -> dict[str, np.ndarray]:
-        """Derivatives of all outputs along the parameters of the user, (P,) each."""
-        count = len(self.parameters.names)
-        changes = self._changes(answer)
-        gradient = {
-            f"heat {contact}": changes[: self.conditions][self.pairs == contact].sum(axis=0)
-            for contact in self.conductances
-        }
-        if self.mechanical.fields.functionals is None:
-            return gradient
-        contact = self.mechanical.eliminated(answer.heated)
-        along = differentiated(contact, answer.mechanical).outputs().gradient
-        assert along is not None
-        of_scene = {name: of[:count] + of[count:] @ changes for name, of in along.items()}
-        return {**of_scene, **gradient}
-
-    def _changes(self, answer: HeatAnswer) -> np.ndarray:
-        """Derivatives of heat flows and levels along the parameters of the user, (m + b, P)."""
-        count = len(self.parameters.names)
-        point = answer.parameter
-        acting, slopes = self._amplitudes.slopes_at(self._without_flows(point))
-        supplies = np.array([one.derivative(point) for one in self.conduction.amplitudes])
-        supplies = supplies.reshape(-1, count)
-        contact = self._coupled(point)
-        pressed = answer.forces() / self._areas
-        along = CoupledChanges(
-            slack=self._free_slack[:, acting] @ slopes[:, :count],
-            jump=self._jumps @ supplies,
-            supplied=self.conduction.supplied @ supplies,
-            conductance=self._conducted_changes(point, pressed, answer.gaps),
-        )
-        return changes_of(contact, answer.solution, along)
-
-    def _conducted_changes(
-        self, point: np.ndarray, pressures: np.ndarray, gaps: np.ndarray
-    ) -> np.ndarray:
-        """Derivatives of the conductances along the parameters, (m, P)."""
-        changes = np.zeros((pressures.size, point.size))
-        for rows, formula, values in self._formulas(point, pressures, gaps):
-            for place, name in enumerate(self.parameters.names):
-                if name in formula.variables:
-                    changes[rows, place] = derivative(formula, values, name)
-        return changes
+        if not gradient:
+            return answer.outputs()
+        contact = self._coupled(answer.parameter)
+        changes = changes_of(contact, answer.solution, self._along(answer))
+        return replace(answer.outputs(), gradient=self._gradient(answer, changes))
 
     def _found(self, contact: CoupledContact, both: bool = True) -> list[CoupledSolution]:
         """Solutions from contact without heat, and from closed contacts that conduct perfectly: if

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from hhr_dolfinx.errors import ConvergenceError, OutsideTrainingWarning, ParameterError
+from hhr_dolfinx.models.functionals.functional import Outputs
 from hhr_dolfinx.parameters import is_number
 from hhr_dolfinx.plugins.contact_heat.by_sets import SetResponses, solved
 from hhr_dolfinx.plugins.contact_heat.heated import HeatAnswer, HeatedModel
@@ -18,6 +20,7 @@ from hhr_dolfinx.plugins.contact_heat.newton import (
     CoupledContact,
     CoupledSolution,
     by_conducting_gaps,
+    changes_of,
 )
 from hhr_dolfinx.plugins.contact_heat.parts import TransientParts
 from hhr_dolfinx.warn import warn
@@ -94,24 +97,81 @@ class TransientHeatModel(HeatedModel):
         Warns:
             OutsideTrainingWarning: for temperatures at the start that few modes do not have.
         """
+        steps = self._marched(points, times, start, raise_on_failure)
+        return [answer for answer, _ in steps]
+
+    def outputs(
+        self, points: Any, times: Any, start: Any, *, gradient: bool = False
+    ) -> list[Outputs]:
+        """Outputs at the ends of time steps, see :meth:`HeatAnswer.outputs`.
+
+        Args:
+            points, times, start: see :meth:`march`.
+            gradient: add derivatives along a change of the parameters that is the same in all
+                steps, at the statuses of the answers; times and start stay.
+
+        Raises:
+            ConvergenceError, ParameterError: see :meth:`march`.
+        """
+        count = len(self.parameters.names)
+        stored = np.zeros((self.rates.size, count))  # derivatives of the amplitudes, (r, P)
+        found: list[Outputs] = []
+        for answer, length in self._marched(points, times, start, raise_on_failure=True):
+            if not gradient:
+                found.append(answer.outputs())
+                continue
+            changes, stored = self._changed(answer, length, stored)
+            found.append(replace(answer.outputs(), gradient=self._gradient(answer, changes)))
+        return found
+
+    def _marched(
+        self, points: Any, times: Any, start: Any, raise_on_failure: bool
+    ) -> Iterator[tuple[HeatAnswer, float]]:
+        """Answer and length of each step."""
         ends = _times(times)
         checked = self._points(points, ends.size)
         amplitudes = self._starting(start)
-        answers: list[HeatAnswer] = []
         last: HeatAnswer | None = None
-        for point, end, length in zip(checked, ends, np.diff(ends, prepend=0.0), strict=True):
+        lengths = np.diff(ends, prepend=0.0)
+        for number, (point, length) in enumerate(zip(checked, lengths, strict=True)):
             last = self._stepped(point, float(length), amplitudes, last)
             if raise_on_failure and not last.converged:
                 raise ConvergenceError(
-                    f"contact and heat find no balance at time {end:g}, at "
-                    f"{self.parameters.described(point)}, after {len(answers)} steps that do: "
-                    "take shorter steps, or a smoother conductance; raise_on_failure=False keeps "
-                    "the answers before"
+                    f"contact and heat find no balance at time {ends[number]:g}, at "
+                    f"{self.parameters.described(point)}, after {number} steps that do: take "
+                    "shorter steps, or a smoother conductance; raise_on_failure=False keeps the "
+                    "answers before"
                 )
             supplies = self.conduction.supplies(point)
             amplitudes = last.levels + self._given @ supplies - self._flowing @ last.heat
-            answers.append(last)
-        return answers
+            yield last, float(length)
+
+    def _changed(
+        self, answer: HeatAnswer, length: float, before: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of heat flows and levels, (m + r, P), and of the amplitudes of temperatures
+        after a step, (r, P), by those before it.
+        """
+        step = self._step(length)
+        supplies = self._supply_slopes(answer.parameter)
+        kept = step.weights[:, None] * (before + self._warming(length) @ supplies)
+        along = self._along(answer)
+        m = self.conditions
+        of_step = along._replace(
+            slack=along.slack + self._per_heat[:, m:] @ kept,
+            jump=along.jump + self._levels @ kept,
+            supplied=np.zeros((0, kept.shape[1])),
+        )
+        without_flows = answer.levels - step.per_flow @ answer.heat
+        contact = self._of_step(answer.parameter, step, without_flows)
+        solution = answer.solution
+        alone = CoupledSolution(
+            solution.forces, solution.slack, solution.heat, np.zeros(0), 0, converged=True
+        )
+        flows = changes_of(contact, alone, of_step)
+        levels = kept + step.per_flow @ flows
+        after = levels + self._given @ supplies - self._flowing @ flows
+        return np.vstack([flows, levels]), after
 
     def _points(self, points: Any, count: int) -> np.ndarray:
         given = points if isinstance(points, dict) else np.asarray(points, dtype=float)
@@ -163,26 +223,32 @@ class TransientHeatModel(HeatedModel):
     ) -> HeatAnswer:
         """Answer after a step from the amplitudes of temperatures before, (r,)."""
         step = self._step(length)
-        contact = self._coupled(point)
         supplies = self.conduction.supplies(point)
-        warming = self._fed * self.conduction.supplied * length - self._given
-        kept = step.weights * (amplitudes + warming @ supplies)
-        m = self.conditions
-        nothing = np.zeros((m, 0))
-        of_step = contact._replace(
-            slack=contact.slack + self._per_heat[:, m:] @ kept,
-            per_heat=step.per_heat,
-            jump=contact.jump + self._levels @ kept,
-            compliance=step.compliance,
-            levels=nothing,
-            supplied=np.zeros(0),
-        )
-        found = self._found(of_step, step, last)
+        kept = step.weights * (amplitudes + self._warming(length) @ supplies)
+        found = self._found(self._of_step(point, step, kept), step, last)
         levels = kept + step.per_flow @ found.heat
         whole = CoupledSolution(
             found.forces, found.slack, found.heat, levels, found.steps, found.converged
         )
-        return self._answer(point, contact, whole, several=False)
+        return self._answer(point, self._coupled(point), whole, several=False)
+
+    def _warming(self, length: float) -> np.ndarray:
+        """Amplitudes that supplies add in a step, before they decay, (r, t)."""
+        warming: np.ndarray = self._fed * self.conduction.supplied * length - self._given
+        return warming
+
+    def _of_step(self, point: np.ndarray, step: _Step, kept: np.ndarray) -> CoupledContact:
+        """The problem of a step, of heat flows alone; ``kept`` are the amplitudes without them."""
+        contact = self._coupled(point)
+        m = self.conditions
+        return contact._replace(
+            slack=contact.slack + self._per_heat[:, m:] @ kept,
+            per_heat=step.per_heat,
+            jump=contact.jump + self._levels @ kept,
+            compliance=step.compliance,
+            levels=np.zeros((m, 0)),
+            supplied=np.zeros(0),
+        )
 
     def _found(
         self, contact: CoupledContact, step: _Step, last: HeatAnswer | None

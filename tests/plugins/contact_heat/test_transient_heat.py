@@ -142,6 +142,28 @@ def test_a_history_goes_on_where_it_ended():
         np.testing.assert_allclose(other.heat, one.heat, rtol=1e-9)
 
 
+@pytest.mark.parametrize("fed", [False, True], ids=["fixed", "fed"])
+def test_gradients_are_those_of_differences(fed):
+    """Along a change of the parameters in all steps; a fed body stores what it was given."""
+    supplies = [hhr.HeatSource(FIRST, "2 * T"), hhr.HeatFlux(side(SECOND, 1, True), 700.0)]
+    more = {"temperatures": [], "supplies": supplies} if fed else {}
+    conductance = {0: "(20 + 0.1 * T) * p / (p + 0.5) + 0.05 / (g + 0.001)"}
+    model = hhr.condense_transient_heat(blocks(), heat(conductance=conductance, **more))
+    points = np.array([[0.004, 60.0], [0.006, 90.0], [0.006, 70.0]])
+    times = [0.01, 0.03, 0.1]
+    found = model.outputs(points, times, 12.0, gradient=True)
+    for number, step in enumerate((1e-7, 1e-3)):
+        moved = np.eye(2)[number] * step
+        up, down = (model.outputs(points + sign * moved, times, 12.0) for sign in (1, -1))
+        for here, above, below in zip(found, up, down, strict=True):
+            for name, gradient in here.gradient.items():
+                expected = (above[name] - below[name]) / 2 / step
+                assert gradient[number] == pytest.approx(expected, rel=2e-5, abs=1e-7)
+    assert [one.values for one in found] == [
+        one.outputs().values for one in model.march(points, times, 12.0)
+    ]
+
+
 def test_starts_are_warm_bodies_answers_or_warned_of():
     """A body that is warm all over is in the modes; what varies within an element is not."""
     model = hhr.condense_transient_heat(blocks(), heat())
