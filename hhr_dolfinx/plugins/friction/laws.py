@@ -290,7 +290,7 @@ class Friction(ContactLaw, Rebuilt):
 
     def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
         """See :class:`ContactLaw`."""
-        return Memory(slip=SlipState(**{name: arrays[name] for name in self.layout}))
+        return Memory(slip=SlipState(**{name: arrays[name] for name in SlipState._fields}))
 
     def bounds(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coefficient and largest tangential force of each contact at a point, (C,) each."""

@@ -16,7 +16,7 @@ from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.plugins.contact_laws.interface import Interface, OverLaws, Range
 from hhr_dolfinx.plugins.contact_laws.layers import SolverOfRanges
-from hhr_dolfinx.plugins.friction.laws import SLIP, Friction, SlipState, places_of
+from hhr_dolfinx.plugins.friction.laws import SLIP, Friction, places_of
 from hhr_dolfinx.plugins.friction.range import FrictionRange, FrictionStep
 
 if TYPE_CHECKING:
@@ -28,11 +28,66 @@ if TYPE_CHECKING:
     from hhr_dolfinx.scene import Scene
 
 
+class BesidePressures(Friction):
+    """Friction, and laws of the pressures: what both are, keep and remember."""
+
+    pressures: Range  #: laws of the pressures, and their rows
+
+    @property
+    def laws_of_pressures(self) -> Interface:
+        """Laws of the pressures, in their order."""
+        law = self.pressures.law
+        assert isinstance(law, Interface)
+        return law
+
+    @property
+    def plugins(self) -> tuple[str, ...]:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return (*super().plugins, *self.laws_of_pressures.plugins)
+
+    def of(self, plugin: str) -> ContactLaw | None:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        if plugin == self.plugin:
+            return self
+        rows = self.pressures.rows
+        placed = (
+            part.law.among(rows[part.rows]).of(plugin) for part in self.laws_of_pressures.ranges
+        )
+        return next((law for law in placed if law is not None), None)
+
+    def parts(self) -> list[str | np.ndarray]:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return [*super().parts(), *self.laws_of_pressures.parts()]
+
+    @property
+    def layout(self) -> dict[str, tuple[str, ...]]:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return {**super().layout, **self.laws_of_pressures.layout}
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return {**super().sizes, **self.laws_of_pressures.sizes}
+
+    def stored(self, memory: Memory) -> dict[str, np.ndarray]:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return {**super().stored(memory), **self.laws_of_pressures.stored(memory)}
+
+    def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
+        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
+        return super().restored(arrays) | self.laws_of_pressures.restored(arrays)
+
+
 @dataclass(frozen=True)
-class FrictionOver(Friction, OverLaws):
+class FrictionOver(BesidePressures, Friction, OverLaws):
     """Friction, and the laws of the pressures of its contacts, (C,)."""
 
     under: Interface
+
+    @property
+    def pressures(self) -> Range:  # type: ignore[override]
+        """The laws of the pressures, and their rows."""
+        return Range(self.under, self.normal)
 
     @classmethod
     def of_laws(cls, friction: Friction, under: Interface) -> FrictionOver:
@@ -55,18 +110,6 @@ class FrictionOver(Friction, OverLaws):
         """True if all laws hold on shapes that depend on parameters."""
         return super().reshapes and self.under.reshapes
 
-    @property
-    def plugins(self) -> tuple[str, ...]:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return (*super().plugins, *self.under.plugins)
-
-    def of(self, plugin: str) -> ContactLaw | None:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        if plugin == self.plugin:
-            return self
-        placed = (part.law.among(self.normal[part.rows]).of(plugin) for part in self.under.ranges)
-        return next((law for law in placed if law is not None), None)
-
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults of friction, and conditions without a law of their pressure.
 
@@ -75,29 +118,6 @@ class FrictionOver(Friction, OverLaws):
         """
         yield from super().faults(sizes)
         yield from self.under.faults({"N_lambda": self.normal.size})
-
-    def parts(self) -> list[str | np.ndarray]:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return [*super().parts(), *self.under.parts()]
-
-    @property
-    def layout(self) -> dict[str, tuple[str, ...]]:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return {**super().layout, **self.under.layout}
-
-    @property
-    def sizes(self) -> dict[str, int]:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return {**super().sizes, **self.under.sizes}
-
-    def stored(self, memory: Memory) -> dict[str, np.ndarray]:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return {**super().stored(memory), **self.under.stored(memory)}
-
-    def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        slip = SlipState(**{name: arrays[name] for name in super().layout})
-        return Memory(**{SLIP: slip}) | self.under.restored(arrays)
 
     def opened(self, memory: Memory) -> np.ndarray:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""

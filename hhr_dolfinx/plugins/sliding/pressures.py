@@ -24,7 +24,8 @@ from hhr_dolfinx.plugins.contact_laws.ranges import (
     RangeStep,
     Together,
 )
-from hhr_dolfinx.plugins.friction.laws import SLIP, Friction, SlipState, places_of
+from hhr_dolfinx.plugins.friction.laws import Friction, places_of
+from hhr_dolfinx.plugins.friction.over import BesidePressures
 from hhr_dolfinx.plugins.friction.range import FrictionRange, FrictionStep
 from hhr_dolfinx.plugins.friction.sliding_set import Sliding
 
@@ -52,12 +53,11 @@ class SlidingFriction(Friction):
 
     def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
         """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        slip = SlipState(**{name: arrays[name] for name in super().layout})
-        return Memory(**{SLIP: slip, FACING: arrays[FACING]})
+        return super().restored(arrays) | Memory(**{FACING: arrays[FACING]})
 
 
 @dataclass(frozen=True)
-class FrictionBesideLaws(SlidingFriction):
+class FrictionBesideLaws(BesidePressures, SlidingFriction):
     """Friction of all contacts, and laws on the pressures of some."""
 
     #: laws on all pressures: those of the pairs that do not slide, then of the slave nodes. Each
@@ -75,13 +75,6 @@ class FrictionBesideLaws(SlidingFriction):
         known = {each.name: getattr(friction, each.name) for each in fields(friction)}
         return cls(**known, pressures=pressures)
 
-    @property
-    def laws_of_pressures(self) -> Interface:
-        """Laws on the pressures, in their order."""
-        law = self.pressures.law
-        assert isinstance(law, Interface)
-        return law
-
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults: those of friction, and ranges of which friction has a part."""
         yield from super().faults(sizes)
@@ -93,42 +86,6 @@ class FrictionBesideLaws(SlidingFriction):
             with_friction = np.isin(self.pressures.rows[law_range.rows], self.normal)
             if with_friction.any() and not with_friction.all():
                 yield "a law of pressures is on contacts with friction and on others"
-
-    @property
-    def plugins(self) -> tuple[str, ...]:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return (*super().plugins, *self.laws_of_pressures.plugins)
-
-    def of(self, plugin: str) -> ContactLaw | None:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        if plugin == self.plugin:
-            return self
-        for law_range in self.laws_of_pressures.ranges:
-            if law_range.law.plugin == plugin:
-                return law_range.law.among(self.pressures.rows[law_range.rows])
-        return None
-
-    def parts(self) -> list[str | np.ndarray]:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return [*super().parts(), *self.laws_of_pressures.parts()]
-
-    @property
-    def layout(self) -> dict[str, tuple[str, ...]]:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return {**super().layout, **self.laws_of_pressures.layout}
-
-    @property
-    def sizes(self) -> dict[str, int]:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return {**super().sizes, **self.laws_of_pressures.sizes}
-
-    def stored(self, memory: Memory) -> dict[str, np.ndarray]:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return {**super().stored(memory), **self.laws_of_pressures.stored(memory)}
-
-    def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
-        """See :class:`~hhr_dolfinx.contact.law.ContactLaw`."""
-        return super().restored(arrays) | self.laws_of_pressures.restored(arrays)
 
 
 def before_dofs(law: ContactLaw, kept: int, count: int) -> ContactLaw:
