@@ -573,6 +573,7 @@ def on_ranks(ranks):
     return json.loads(said.partition("OUT")[2].splitlines()[0])
 
 
+@pytest.mark.slow
 @needs("ranks", "moduli")
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_ranks_answer_alike(on_one, ranks):

@@ -115,6 +115,7 @@ def shear_compliance(scene):
     return 1e-4 / abs(shears[1] - shears[0])
 
 
+@pytest.mark.slow
 def test_cycles_in_blocks_end_as_cycles_one_by_one():
     """1000 cycles, in blocks of 1, 10 and 100: volume of a stroke and peak within 2 per cent, from
     the first whole stroke to the last.
