@@ -90,7 +90,13 @@ def eliminated(system: HeatSystem) -> Conduction:
     Args:
         system: heat of a scene.
     """
-    temperatures, per_heat = steady_fields(system, system.loads, system.jumps.T.toarray())
+    held = np.ones(len(system.lifted), dtype=bool)
+    held[system.fixed] = held[system.pins] = False
+    factor = splu(csc_matrix(system.stiffness[held][:, held]))
+    temperatures = system.lifted.copy()
+    temperatures[held] += factor.solve((system.loads - system.stiffness @ system.lifted)[held])
+    per_heat = np.zeros((len(held), system.jumps.shape[0]))
+    per_heat[held] = factor.solve(np.ascontiguousarray(system.jumps.T.toarray()[held]))
     return Conduction(
         amplitudes=system.amplitudes,
         temperatures=temperatures,
@@ -99,27 +105,6 @@ def eliminated(system: HeatSystem) -> Conduction:
         jumps=csc_matrix(system.jumps),
         supplied=system.levels.T @ system.loads,
     )
-
-
-def steady_fields(
-    system: HeatSystem, loads: np.ndarray, flows: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Temperatures per supply, (n, t), and their fall per heat flow, (n, m), where a node of each
-    body that contact alone feeds is at 0.
-
-    Args:
-        system: heat of a scene.
-        loads: heat to each node per supply, (n, t).
-        flows: heat from each node per flow, (n, m).
-    """
-    held = np.ones(len(system.lifted), dtype=bool)
-    held[system.fixed] = held[system.pins] = False
-    factor = splu(csc_matrix(system.stiffness[held][:, held]))
-    temperatures = system.lifted.copy()
-    temperatures[held] += factor.solve((loads - system.stiffness @ system.lifted)[held])
-    per_heat = np.zeros(flows.shape)
-    per_heat[held] = factor.solve(np.ascontiguousarray(flows[held]))
-    return temperatures, per_heat
 
 
 def temperature_space(discretisation: Discretisation) -> tuple[fem.FunctionSpace, np.ndarray]:

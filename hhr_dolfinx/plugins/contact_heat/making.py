@@ -145,7 +145,8 @@ def condense_transient_heat(
     model = TransientHeatModel(
         TransientParts(
             prepared.parts(found.conduction),
-            found.modes.rates,
+            found.rates,
+            found.drained,
             csc_matrix(prepared.system.capacity),
             found.step_error,
         )

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import eigh
-from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse import bmat, csc_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh, splu
 
-from hhr_dolfinx.plugins.contact_heat.conduction import HeatSystem, steady_fields
+from hhr_dolfinx.plugins.contact_heat.conduction import HeatSystem
 from hhr_dolfinx.plugins.contact_heat.parts import Conduction
 
-SHORTER = 10.0
-"""Slowest rate over that of the longest step that modes are made for."""
+LONGER = 10.0
+"""Longest step that modes are made for, times the slowest rate but that of a level."""
+SHORTER = 0.1
+"""Shortest step that modes are made for, times the largest entry of K over that of M; and 0."""
 PER_DECADE = 2
 """Lengths of steps for which modes are made, per factor of ten; more where they are not enough."""
 DENSER = 3
@@ -23,166 +26,217 @@ KEPT_PART = 0.2
 """Part of the tolerance below which directions of temperatures are left out."""
 SHIFT = 1e-6
 """Part of the mean rate by which matrices are shifted that are singular without a temperature."""
-
-
-class Modes(NamedTuple):
-    """Temperatures that decay each at its own rate (r modes); largest value 1."""
-
-    shapes: np.ndarray  #: (n, r)
-    rates: np.ndarray  #: (r,)
-    capacities: np.ndarray  #: shape^T M_T shape, (r,)
-
-    def reading(self, capacity: csr_matrix) -> np.ndarray:
-        """Amplitude of each mode in temperatures of the nodes, (r, n).
-
-        Args:
-            capacity: M_T, (n, n).
-        """
-        found: np.ndarray = (capacity @ self.shapes).T / self.capacities[:, None]
-        return found
+ROUND_OFF = 1e-11
+"""Part of the heat to a body up to which what does not warm it as a whole is round-off."""
 
 
 class TransientHeat(NamedTuple):
     """Transient heat of a scene, eliminated down to heat flows of contacts and modes."""
 
-    conduction: Conduction
-    modes: Modes
+    conduction: Conduction  #: its ``supplied`` is the growth of amplitudes per supply, (r, t)
+    rates: np.ndarray  #: of decay, (r,)
+    drained: np.ndarray  #: fall of amplitudes per heat flow and time, (r, m)
     step_error: float  #: see :class:`hhr_dolfinx.plugins.contact_heat.parts.TransientParts`
 
 
 def transient_heat(system: HeatSystem, tolerance: float) -> TransientHeat:
-    """Steady temperatures and modes of the deviation from them.
+    """Temperatures of the balanced part of heat, and modes of the deviation from them.
 
-    M T' + K T = f has T = T_s + sum of e_i phi_i, where T_s is steady, and e_i' + lambda_i e_i =
-    -phi_i^T M T_s'. Levels of bodies that contact alone feeds are modes without decay, which heat
-    feeds. Modes are Ritz vectors of the temperatures after one implicit step of each length h,
-    (M + h K)^-1 M T_s for each supply, heat flow and body that is warm all over: a rational Krylov
-    space.
+    M T' + K T = f has T = T_s + sum of e_i phi_i with K T_s = f - c M 1, and e_i' + lambda_i e_i =
+    -phi_i^T M T_s' + c phi_i^T M 1: in a body without a fixed temperature c is the rate at which it
+    warms as a whole, which makes the mean of T_s vanish; elsewhere it is 0. Modes are Ritz vectors
+    of the temperatures after one implicit step of each length h, (M + h K)^-1 M T_s for each
+    supply, heat flow and body that is warm all over: a rational Krylov space, of each body for
+    itself.
 
     Args:
         system: heat of a scene, with its capacity.
         tolerance: see :func:`hhr_dolfinx.plugins.contact_heat.making.condense_transient_heat`.
     """
-    levels = _modes(system.capacity, system.levels, np.zeros(system.levels.shape[1]))
-    temperatures, per_heat = _without_levels(system, levels)
-    warm = _warm_bodies(system)
-    stepping = _Stepping(system, np.hstack([temperatures, per_heat, warm]))
-    shapes, rates, error = stepping.ritz(levels, tolerance)
-    modes = _modes(system.capacity, shapes, rates)
-    fed = system.levels.shape[1]
-    supplied = np.zeros((rates.size, system.loads.shape[1]))
-    supplied[:fed] = levels.shapes.T @ system.loads
+    size, supplies = system.lifted.shape
+    flows = system.jumps.shape[0]
+    fields = np.zeros((size, supplies + flows))
+    found = []
+    for body in _bodies(system):
+        steady, warming = body.steady()
+        fields[body.nodes] = steady
+        found.append((body, warming, *body.modes(steady, tolerance)))
+    rates = np.concatenate([one.rates for _, _, one, _ in found])
+    order = np.argsort(rates, kind="stable")
+    shapes = np.zeros((size, rates.size))
+    grown = np.zeros((rates.size, supplies + flows))
+    first = 0
+    for body, warming, modes, _ in found:
+        rows = slice(first, first + modes.rates.size)
+        shapes[body.nodes, rows] = modes.shapes
+        grown[rows] = np.outer(body.amplitudes_of_level(modes), warming)
+        first = rows.stop
     conduction = Conduction(
         amplitudes=system.amplitudes,
-        temperatures=temperatures,
-        per_heat=per_heat,
-        levels=modes.shapes,
+        temperatures=fields[:, :supplies],
+        per_heat=fields[:, supplies:],
+        levels=shapes[:, order],
         jumps=csc_matrix(system.jumps),
-        supplied=supplied,
+        supplied=grown[order, :supplies],
     )
-    return TransientHeat(conduction, modes, error)
+    error = max(one[-1] for one in found)
+    return TransientHeat(conduction, rates[order], grown[order, supplies:], error)
 
 
-def _modes(capacity: csr_matrix, shapes: np.ndarray, rates: np.ndarray) -> Modes:
-    """Modes whose largest value is 1, whatever the sign of a method."""
-    scaled = shapes / shapes[np.abs(shapes).argmax(axis=0), np.arange(rates.size)]
-    return Modes(scaled, rates, np.einsum("nr,nr->r", scaled, capacity @ scaled))
+class _Modes(NamedTuple):
+    """Temperatures of a body that decay each at its own rate; largest value 1."""
+
+    shapes: np.ndarray  #: (k, r)
+    rates: np.ndarray  #: (r,)
 
 
-def _without_levels(system: HeatSystem, levels: Modes) -> tuple[np.ndarray, np.ndarray]:
-    """Steady temperatures per supply, (n, t), and their fall per heat flow, (n, m); bodies that
-    contact alone feeds lose what they are given, all over, and are at 0 in the mean.
-    """
-
-    def balanced(heat: np.ndarray) -> np.ndarray:
-        warming = levels.shapes.T @ heat / levels.capacities[:, None]
-        return heat - system.capacity @ (levels.shapes @ warming)
-
-    reading = levels.reading(system.capacity)
-    fields = steady_fields(system, balanced(system.loads), balanced(system.jumps.T.toarray()))
-    first, second = (field - levels.shapes @ (reading @ field) for field in fields)
-    return first, second
-
-
-def _warm_bodies(system: HeatSystem) -> np.ndarray:
-    """1 in each part of the mesh, from which histories start, (n, parts)."""
+def _bodies(system: HeatSystem) -> Iterator[_Body]:
+    """Parts of the mesh, between which heat flows through contacts alone."""
     count, owner = connected_components(system.stiffness, directed=False)
-    return (owner[:, None] == np.arange(count)).astype(float)
+    for number in range(count):
+        yield _Body(system, np.flatnonzero(owner == number))
 
 
-class _Stepping:
-    """Temperatures after one step from steady ones, where temperatures are not fixed (k nodes).
+class _Body:
+    """Heat of one part of the mesh (k nodes, f supplies and heat flows).
 
     Args:
         system: heat of a scene.
-        fields: steady temperatures, (n, f).
+        nodes: its nodes, (k,).
     """
 
-    def __init__(self, system: HeatSystem, fields: np.ndarray):
-        self._count = len(fields)
-        self._fed = system.levels.shape[1]
-        self._free = np.setdiff1d(np.arange(self._count), system.fixed)
-        self._stiffness = csc_matrix(system.stiffness[self._free][:, self._free])
-        self._capacity = csc_matrix(system.capacity[self._free][:, self._free])
-        stored = (system.capacity @ fields)[self._free]
-        near = splu(self._capacity).solve(stored)
-        sizes = np.sqrt(np.einsum("kf,kf->f", near, stored))
-        self._stored = stored[:, sizes > 0] / sizes[sizes > 0]
+    def __init__(self, system: HeatSystem, nodes: np.ndarray):
+        self.nodes = nodes
+        self._all_of_stiffness = csc_matrix(system.stiffness[nodes][:, nodes])
+        self._all_of_capacity = csc_matrix(system.capacity[nodes][:, nodes])
+        self._heat = np.hstack([system.loads[nodes], system.jumps.T.toarray()[nodes]])
+        self._lifted = np.hstack(
+            [system.lifted[nodes], np.zeros((nodes.size, system.jumps.shape[0]))]
+        )
+        self._free = np.flatnonzero(~np.isin(nodes, system.fixed))
+        self._has_level = self._free.size == nodes.size
+        free = self._free
+        self._stiffness = csc_matrix(self._all_of_stiffness[free][:, free])
+        self._capacity = csc_matrix(self._all_of_capacity[free][:, free])
+        ones = np.ones(nodes.size)
+        sizes = np.abs(self._all_of_stiffness) @ ones
+        # a body that nothing cools keeps its level: that mode is exact
+        cooled = np.abs(self._all_of_stiffness @ ones).max() > ROUND_OFF * sizes.max()
+        self._kept = int(self._has_level and not cooled)
 
-    def ritz(self, levels: Modes, tolerance: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """Shapes of modes, (n, r), their rates, (r,), and the largest error of a step; levels are
-        the first of them.
+    def amplitudes_of_level(self, modes: _Modes) -> np.ndarray:
+        """Amplitudes of the temperature 1 all over, (r,)."""
+        stored = self._all_of_capacity @ modes.shapes
+        sizes = np.einsum("kr,kr->r", modes.shapes, stored)
+        found: np.ndarray = stored.sum(axis=0) / sizes
+        return found
+
+    def steady(self) -> tuple[np.ndarray, np.ndarray]:
+        """T_s per supply and its fall per heat flow, (k, f), and c of both, (f,)."""
+        free = self._free
+        heat = self._heat - self._all_of_stiffness @ self._lifted
+        found = self._lifted.copy()
+        if not self._has_level:
+            if free.size:
+                found[free] += splu(self._stiffness).solve(np.ascontiguousarray(heat[free]))
+            return found, np.zeros(heat.shape[1])
+        level = self._all_of_capacity @ np.ones(self.nodes.size)
+        level /= level.sum()
+        scale = self._stiffness.diagonal().mean()
+        border = csc_matrix(scale * level[:, None])
+        balanced = heat - np.outer(level, heat.sum(axis=0))
+        balanced[:, np.abs(balanced).max(axis=0) <= ROUND_OFF * np.abs(heat).max(axis=0)] = 0.0
+        factor = splu(csc_matrix(bmat([[self._stiffness, border], [border.T, None]])))
+        solved = factor.solve(np.vstack([balanced, np.zeros(heat.shape[1])]))
+        warming = (scale * solved[-1] + heat.sum(axis=0)) / self._capacity.sum()
+        return solved[:-1], warming
+
+    def modes(self, steady: np.ndarray, tolerance: float) -> tuple[_Modes, float]:
+        """Modes, and the largest error of a step.
 
         Args:
-            levels: modes without decay.
+            steady: steady temperatures, (k, f).
             tolerance: largest error of a step; 0 for all modes.
         """
-        start = (levels.shapes / np.sqrt(levels.capacities))[self._free]
+        if not self._free.size:
+            return _Modes(np.zeros((self.nodes.size, 0)), np.zeros(0)), 0.0
+        stored = self._starting(steady)
+        level = np.ones((self._free.size, 1)) / np.sqrt(self._capacity.sum())
+        basis = level[:, : int(self._has_level)]
         if tolerance == 0:
-            rates, basis = eigh(self._stiffness.toarray(), self._capacity.toarray())
-            basis[:, : self._fed] = start
-            basis = self._added(start, basis[:, self._fed :], 0.0)
-            return *self._projected(basis), 0.0
+            return self._every(), 0.0
         lengths = self._lengths()
-        basis = start
-        for length in lengths:
-            basis = self._added(basis, self._after(length), KEPT_PART * tolerance)
+        for length in (0.0, *lengths):
+            basis = self._added(basis, self._after(stored, length), KEPT_PART * tolerance)
         for _ in range(DENSER):
             between = np.sqrt(lengths[1:] * lengths[:-1])
             shapes, rates = self._projected(basis)
-            fields = [self._after(length) for length in between]
-            pairs = zip(between, fields, strict=True)
-            error = max(self._error(shapes[self._free], rates, *pair) for pair in pairs)
+            fields = [self._after(stored, length) for length in between]
+            error = max(
+                self._error(shapes, rates, stored, length, field)
+                for length, field in zip(between, fields, strict=True)
+            )
             if error <= tolerance:
                 break
             for field in fields:
                 basis = self._added(basis, field, KEPT_PART * tolerance)
             lengths = np.sort(np.concatenate([lengths, between]))
-        return shapes, rates, error
+        return self._scaled(shapes, rates), error
+
+    def _starting(self, steady: np.ndarray) -> np.ndarray:
+        """M times steady temperatures, and times those of a warm body, of size 1, (free, f + 1)."""
+        fields = np.hstack([steady, np.ones((self.nodes.size, 1))])
+        stored = (self._all_of_capacity @ fields)[self._free]
+        near = splu(self._capacity).solve(stored)
+        sizes = np.sqrt(np.maximum(np.einsum("kf,kf->f", near, stored), 0.0))
+        found: np.ndarray = stored[:, sizes > 0] / sizes[sizes > 0]
+        return found
+
+    def _every(self) -> _Modes:
+        """All modes."""
+        rates, shapes = eigh(self._stiffness.toarray(), self._capacity.toarray())
+        if self._kept:
+            ones = np.ones(self._free.size) / np.sqrt(self._capacity.sum())
+            rates[0] = 0.0
+            shapes[:, 0] = ones
+            shapes[:, 1:] -= np.outer(ones, ones @ (self._capacity @ shapes[:, 1:]))
+        return self._scaled(shapes, np.maximum(rates, 0.0))
+
+    def _scaled(self, shapes: np.ndarray, rates: np.ndarray) -> _Modes:
+        """Modes on all nodes whose largest value is 1, whatever the sign of a method."""
+        found = np.zeros((self.nodes.size, rates.size))
+        found[self._free] = shapes / shapes[np.abs(shapes).argmax(axis=0), np.arange(rates.size)]
+        return _Modes(found, rates)
 
     def _lengths(self) -> np.ndarray:
         """Lengths of steps, from below the fastest decay of the mesh to above the slowest."""
         diagonals = self._stiffness.diagonal() / self._capacity.diagonal()
-        start = np.random.default_rng(0).uniform(-1.0, 1.0, self._free.size)
         shift = SHIFT * float(diagonals.mean())
-        count = min(self._fed + 1, self._free.size - 1)
-        slow = eigsh(
+        slowest = self._slowest(1 + int(self._has_level), shift)
+        ends = SHORTER / diagonals.max(), LONGER / max(slowest, shift)
+        decades = max(np.log10(ends[1] / ends[0]), 0.0)
+        return np.geomspace(*ends, 2 + int(np.ceil(PER_DECADE * decades)))
+
+    def _slowest(self, number: int, shift: float) -> float:
+        """The rate of this number from the slowest one on."""
+        size = self._free.size
+        if number >= size:
+            return float((self._stiffness.diagonal() / self._capacity.diagonal()).max())
+        start = np.random.default_rng(0).uniform(-1.0, 1.0, size)
+        rates = eigsh(
             self._stiffness,
-            count,
+            number,
             self._capacity,
             sigma=-shift,
             v0=start,
             return_eigenvectors=False,
         )
-        ends = 1.0 / diagonals.max(), SHORTER / max(float(slow.max()), shift)
-        decades = max(np.log10(ends[1] / ends[0]), 0.0)
-        return np.geomspace(*ends, 2 + int(np.ceil(PER_DECADE * decades)))
+        return float(rates.max())
 
-    def _after(self, length: float) -> np.ndarray:
-        """Temperatures after a step of a length whose steady ones vanish, (k, f)."""
-        found: np.ndarray = splu(csc_matrix(self._capacity + length * self._stiffness)).solve(
-            self._stored
-        )
+    def _after(self, stored: np.ndarray, length: float) -> np.ndarray:
+        """Temperatures after a step of a length whose steady ones vanish, (free, f)."""
+        matrix = csc_matrix(self._capacity + length * self._stiffness)
+        found: np.ndarray = splu(matrix).solve(stored)
         return found
 
     def _added(self, basis: np.ndarray, fields: np.ndarray, least: float) -> np.ndarray:
@@ -195,20 +249,24 @@ class _Stepping:
         return np.hstack([basis, (rest @ turned[:, kept]) / np.sqrt(squares[kept])])
 
     def _projected(self, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Modes in the span of a basis, (n, r), and their rates, (r,)."""
-        others = basis[:, self._fed :]
+        """Modes in the span of a basis, of size 1, (free, r), and their rates, (r,)."""
+        others = basis[:, self._kept :]
         rates, turned = eigh(
             others.T @ (self._stiffness @ others), others.T @ (self._capacity @ others)
         )
-        shapes = np.zeros((self._count, basis.shape[1]))
-        shapes[self._free] = np.hstack([basis[:, : self._fed], others @ turned])
-        return shapes, np.concatenate([np.zeros(self._fed), rates])
+        shapes = np.hstack([basis[:, : self._kept], others @ turned])
+        return shapes, np.concatenate([np.zeros(self._kept), np.maximum(rates, 0.0)])
 
     def _error(
-        self, shapes: np.ndarray, rates: np.ndarray, length: float, fields: np.ndarray
+        self,
+        shapes: np.ndarray,
+        rates: np.ndarray,
+        stored: np.ndarray,
+        length: float,
+        fields: np.ndarray,
     ) -> float:
-        """Largest error of a step by modes whose sizes are 1, over the size of steady ones."""
-        found = (shapes.T @ self._stored) / (1.0 + length * rates)[:, None]
+        """Largest error of a step by modes, over the size of steady temperatures."""
+        found = (shapes.T @ stored) / (1.0 + length * rates)[:, None]
         missed = fields - shapes @ found
         squares = np.einsum("kf,kf->f", missed, self._capacity @ missed)
         return float(np.sqrt(squares.max(initial=0.0)))

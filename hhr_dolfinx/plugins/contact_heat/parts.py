@@ -32,7 +32,7 @@ class Conduction(Rebuilt):
     levels: Annotated[Floats, "n", "b"]  #: 1 in each body that contact alone feeds; modes
     #: B_T, temperature of the first surface less that of the second, (m, n)
     jumps: Annotated[csc_matrix, "m", "n"]
-    #: heat to each body that contact alone feeds, per amplitude; of modes without decay, or 0
+    #: heat to each body that contact alone feeds, per amplitude; of modes growth of amplitudes
     supplied: Annotated[Floats, "b", "t"]
 
     def supplies(self, point: np.ndarray) -> np.ndarray:
@@ -78,7 +78,8 @@ class TransientParts(Rebuilt):
     has_own_sizes: ClassVar[bool] = True
 
     heated: HeatParts
-    rates: Annotated[Floats, "b"]  #: of decay, 1 / time; 0 of bodies that contact alone feeds
+    rates: Annotated[Floats, "b"]  #: of decay, 1 / time
+    drained: Annotated[Floats, "b", "m"]  #: fall of amplitudes per heat flow and time
     capacity: Annotated[csc_matrix, "n", "n"]  #: M_T, heat that nodes store per rise
     #: largest error of temperatures after one step that ends in steady ones of one supply or heat
     #: flow, over these, at lengths of steps for which modes were not made

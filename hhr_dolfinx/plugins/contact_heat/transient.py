@@ -63,11 +63,9 @@ class TransientHeatModel(HeatedModel):
         self.step_error = parts.step_error
         shapes = self.conduction.levels
         stored = parts.capacity @ shapes
-        self._capacities = np.einsum("nr,nr->r", shapes, stored)
-        self._reading = stored.T / self._capacities[:, None]
+        self._reading = stored.T / np.einsum("nr,nr->r", shapes, stored)[:, None]
         self._given = self._reading @ self.conduction.temperatures
         self._flowing = self._reading @ self.conduction.per_heat
-        self._fed = (parts.rates == 0)[:, None] / self._capacities[:, None]
         self._steps: OrderedDict[float, _Step] = OrderedDict()
 
     def __repr__(self) -> str:
@@ -234,7 +232,7 @@ class TransientHeatModel(HeatedModel):
 
     def _warming(self, length: float) -> np.ndarray:
         """Amplitudes that supplies add in a step, before they decay, (r, t)."""
-        warming: np.ndarray = self._fed * self.conduction.supplied * length - self._given
+        warming: np.ndarray = length * self.conduction.supplied - self._given
         return warming
 
     def _of_step(self, point: np.ndarray, step: _Step, kept: np.ndarray) -> CoupledContact:
@@ -272,8 +270,8 @@ class TransientHeatModel(HeatedModel):
         found = self._steps.get(length)
         if found is None:
             weights = 1.0 / (1.0 + length * self.rates)
-            fed = self._fed * self._levels.T * length
-            per_flow = weights[:, None] * (self._flowing - fed)
+            drained = length * self.transient.drained
+            per_flow = weights[:, None] * (self._flowing - drained)
             per_heat = self._per_heat[:, : self.conditions] + (
                 self._per_heat[:, self.conditions :] @ per_flow
             )
