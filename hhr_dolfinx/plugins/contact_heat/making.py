@@ -119,7 +119,9 @@ def condense_transient_heat(
         NotOfferedError: see :func:`condense_heat`.
 
     Warns:
-        SmallStrainWarning: if strains or rotations are large in a corner of the box.
+        SmallStrainWarning: if strains or rotations are large in a corner of the box, after a step
+            of ten times the slowest decay; what bodies store that are warmed for longer is not
+            checked.
         PairingWarning: where displacements are imposed on both sides of a contact that conducts.
 
     Example:

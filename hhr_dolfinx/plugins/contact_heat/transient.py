@@ -27,6 +27,8 @@ from hhr_dolfinx.warn import warn
 
 LOST_START = 0.01
 """Part of the temperatures at the start that modes may lose without a word."""
+STEADY_STEP = 1e6
+"""Length of a step over the slowest decay from which steady heat is what is meant."""
 KEPT_STEPS = 8
 """Most lengths of steps whose matrices are kept."""
 
@@ -136,13 +138,18 @@ class TransientHeatModel(HeatedModel):
             if raise_on_failure and not last.converged:
                 raise ConvergenceError(
                     f"contact and heat find no balance at time {ends[number]:g}, at "
-                    f"{self.parameters.described(point)}, after {number} steps that do: take "
-                    "shorter steps, or a smoother conductance; raise_on_failure=False keeps the "
-                    "answers before"
+                    f"{self.parameters.described(point)}, after {number} steps that do: "
+                    f"{self._advice(length)}; raise_on_failure=False keeps the answers before"
                 )
             supplies = self.conduction.supplies(point)
             amplitudes = last.levels + self._given @ supplies - self._flowing @ last.heat
             yield last, float(length)
+
+    def _advice(self, length: float) -> str:
+        """What to do where a step of this length finds no balance."""
+        if length * self.rates[self.rates > 0].min(initial=np.inf) > STEADY_STEP:
+            return "so long a step ends in steady heat, and loses digits: condense_heat has that"
+        return "take shorter steps, or a smoother conductance"
 
     def _changed(
         self, answer: HeatAnswer, length: float, before: np.ndarray

@@ -249,6 +249,19 @@ def test_what_is_no_history_is_refused(points, times, start, said):
         model.march(points, times, start)
 
 
+def test_a_step_that_is_steady_names_the_steady_model():
+    """A body that is fed stores so much in it that what passes through contact is lost in that."""
+    fixed = [hhr.FixedTemperature(side(FIRST, 1, False), 20.0)]
+    supplies = [hhr.HeatSource(SECOND, "3 * T")]
+    given = heat(temperatures=fixed, supplies=supplies)
+    model = hhr.condense_transient_heat(blocks(), given)
+    steady = hhr.condense_heat(blocks(), given).solve([0.005, 60.0])
+    long = model.march([0.005, 60.0], [1e6], start=20.0)[0]
+    np.testing.assert_allclose(long.heat, steady.heat, rtol=1e-4)
+    with pytest.raises(ConvergenceError, match="condense_heat has that"):
+        model.march([0.005, 60.0], [1e14], start=20.0)
+
+
 @pytest.mark.parametrize(
     ("more", "tolerance", "said"),
     [
