@@ -11,7 +11,7 @@ OPTIONS = {"cffi_extra_compile_args": ["-O0", "-g0"]}
 def compile_quickly(config):
     """Give DOLFINx options of its compiler, in processes of tests too.
 
-    Nothing is done where slow tests are asked for, which measure times, or where a user has
+    Nothing is done for slow tests, which measure times, or where a user has
     options of their own.
     """
     if "not slow" not in config.option.markexpr or "XDG_CONFIG_HOME" in os.environ:

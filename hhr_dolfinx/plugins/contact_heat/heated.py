@@ -1,4 +1,4 @@
-"""What steady and transient models with heat through contacts share: contact, and answers."""
+"""Contact and answers of steady and of transient models with heat through contacts."""
 
 from __future__ import annotations
 

@@ -24,9 +24,9 @@ DENSER = 3
 """Most times that this number is doubled."""
 KEPT_PART = 0.2
 """Part of the tolerance below which directions of temperatures are left out."""
-SHIFT = 1e-6
+SINGULAR_SHIFT = 1e-6
 """Part of the mean rate by which matrices are shifted that are singular without a temperature."""
-ROUND_OFF = 1e-11
+UNBALANCED = 1e-11
 """Part of the heat to a body up to which what does not warm it as a whole is round-off."""
 
 
@@ -83,21 +83,21 @@ def transient_heat(system: HeatSystem, tolerance: float) -> TransientHeat:
     return TransientHeat(conduction, rates[order], grown[order, supplies:], error)
 
 
-class _Modes(NamedTuple):
+class _DecayModes(NamedTuple):
     """Temperatures of a body that decay each at its own rate; largest value 1."""
 
     shapes: np.ndarray  #: (k, r)
     rates: np.ndarray  #: (r,)
 
 
-def _bodies(system: HeatSystem) -> Iterator[_Body]:
+def _bodies(system: HeatSystem) -> Iterator[_HeatedBody]:
     """Parts of the mesh, between which heat flows through contacts alone."""
     count, owner = connected_components(system.stiffness, directed=False)
     for number in range(count):
-        yield _Body(system, np.flatnonzero(owner == number))
+        yield _HeatedBody(system, np.flatnonzero(owner == number))
 
 
-class _Body:
+class _HeatedBody:
     """Heat of one part of the mesh (k nodes, f supplies and heat flows).
 
     Args:
@@ -121,10 +121,10 @@ class _Body:
         ones = np.ones(nodes.size)
         sizes = np.abs(self._all_of_stiffness) @ ones
         # a body that nothing cools keeps its level: that mode is exact
-        cooled = np.abs(self._all_of_stiffness @ ones).max() > ROUND_OFF * sizes.max()
+        cooled = np.abs(self._all_of_stiffness @ ones).max() > UNBALANCED * sizes.max()
         self._kept = int(self._has_level and not cooled)
 
-    def amplitudes_of_level(self, modes: _Modes) -> np.ndarray:
+    def amplitudes_of_level(self, modes: _DecayModes) -> np.ndarray:
         """Amplitudes of the temperature 1 all over, (r,)."""
         stored = self._all_of_capacity @ modes.shapes
         sizes = np.einsum("kr,kr->r", modes.shapes, stored)
@@ -145,13 +145,13 @@ class _Body:
         scale = self._stiffness.diagonal().mean()
         border = csc_matrix(scale * level[:, None])
         balanced = heat - np.outer(level, heat.sum(axis=0))
-        balanced[:, np.abs(balanced).max(axis=0) <= ROUND_OFF * np.abs(heat).max(axis=0)] = 0.0
+        balanced[:, np.abs(balanced).max(axis=0) <= UNBALANCED * np.abs(heat).max(axis=0)] = 0.0
         factor = splu(csc_matrix(bmat([[self._stiffness, border], [border.T, None]])))
         solved = factor.solve(np.vstack([balanced, np.zeros(heat.shape[1])]))
         warming = (scale * solved[-1] + heat.sum(axis=0)) / self._capacity.sum()
         return solved[:-1], warming
 
-    def modes(self, steady: np.ndarray, tolerance: float) -> tuple[_Modes, float]:
+    def modes(self, steady: np.ndarray, tolerance: float) -> tuple[_DecayModes, float]:
         """Modes, and the largest error of a step.
 
         Args:
@@ -159,7 +159,7 @@ class _Body:
             tolerance: largest error of a step; 0 for all modes.
         """
         if not self._free.size:
-            return _Modes(np.zeros((self.nodes.size, 0)), np.zeros(0)), 0.0
+            return _DecayModes(np.zeros((self.nodes.size, 0)), np.zeros(0)), 0.0
         stored = self._starting(steady)
         level = np.ones((self._free.size, 1)) / np.sqrt(self._capacity.sum())
         basis = level[:, : int(self._has_level)]
@@ -192,7 +192,7 @@ class _Body:
         found: np.ndarray = stored[:, sizes > 0] / sizes[sizes > 0]
         return found
 
-    def _every(self) -> _Modes:
+    def _every(self) -> _DecayModes:
         """All modes."""
         rates, shapes = eigh(self._stiffness.toarray(), self._capacity.toarray())
         if self._kept:
@@ -202,16 +202,16 @@ class _Body:
             shapes[:, 1:] -= np.outer(ones, ones @ (self._capacity @ shapes[:, 1:]))
         return self._scaled(shapes, np.maximum(rates, 0.0))
 
-    def _scaled(self, shapes: np.ndarray, rates: np.ndarray) -> _Modes:
+    def _scaled(self, shapes: np.ndarray, rates: np.ndarray) -> _DecayModes:
         """Modes on all nodes whose largest value is 1, whatever the sign of a method."""
         found = np.zeros((self.nodes.size, rates.size))
         found[self._free] = shapes / shapes[np.abs(shapes).argmax(axis=0), np.arange(rates.size)]
-        return _Modes(found, rates)
+        return _DecayModes(found, rates)
 
     def _lengths(self) -> np.ndarray:
         """Lengths of steps, from below the fastest decay of the mesh to above the slowest."""
         diagonals = self._stiffness.diagonal() / self._capacity.diagonal()
-        shift = SHIFT * float(diagonals.mean())
+        shift = SINGULAR_SHIFT * float(diagonals.mean())
         slowest = self._slowest(1 + int(self._has_level), shift)
         ends = SHORTER / diagonals.max(), LONGER / max(slowest, shift)
         decades = max(np.log10(ends[1] / ends[0]), 0.0)

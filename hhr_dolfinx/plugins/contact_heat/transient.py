@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -13,7 +13,7 @@ from scipy.sparse.linalg import splu
 
 from hhr_dolfinx.errors import ConvergenceError, OutsideTrainingWarning, ParameterError
 from hhr_dolfinx.models.functionals.functional import Outputs
-from hhr_dolfinx.parameters import is_number
+from hhr_dolfinx.parameters import PointLike, is_number
 from hhr_dolfinx.plugins.contact_heat.by_sets import SetResponses, solved
 from hhr_dolfinx.plugins.contact_heat.heated import HeatAnswer, HeatedModel
 from hhr_dolfinx.plugins.contact_heat.newton import (
@@ -25,6 +25,12 @@ from hhr_dolfinx.plugins.contact_heat.newton import (
 from hhr_dolfinx.plugins.contact_heat.parts import TransientParts
 from hhr_dolfinx.warn import warn
 
+Points = PointLike | Sequence[Sequence[float]]
+"""Parameters of all steps, (P,), or of each, (n, P)."""
+Times = Sequence[float] | np.ndarray
+"""Ends of steps, (n,)."""
+Start = float | np.ndarray
+"""Temperature of all nodes, or of each, (nodes,)."""
 LOST_START = 0.01
 """Part of the temperatures at the start that modes may lose without a word."""
 STEADY_STEP = 1e6
@@ -33,8 +39,8 @@ KEPT_STEPS = 8
 """Most lengths of steps whose matrices are kept."""
 
 
-class _Step(NamedTuple):
-    """What depends on the length of a step: amplitudes are weights * (..) + per_flow @ flows."""
+class _HeatStep(NamedTuple):
+    """Matrices of one length of steps: amplitudes are weights * (..) + per_flow @ flows."""
 
     weights: np.ndarray  #: amplitude after the step over that before, (r,)
     per_flow: np.ndarray  #: amplitudes per heat flow, (r, m)
@@ -68,7 +74,7 @@ class TransientHeatModel(HeatedModel):
         self._reading = stored.T / np.einsum("nr,nr->r", shapes, stored)[:, None]
         self._given = self._reading @ self.conduction.temperatures
         self._flowing = self._reading @ self.conduction.per_heat
-        self._steps: OrderedDict[float, _Step] = OrderedDict()
+        self._steps: OrderedDict[float, _HeatStep] = OrderedDict()
 
     def __repr__(self) -> str:
         return (
@@ -77,7 +83,7 @@ class TransientHeatModel(HeatedModel):
         )
 
     def march(
-        self, points: Any, times: Any, start: Any, *, raise_on_failure: bool = True
+        self, points: Points, times: Times, start: Start, *, raise_on_failure: bool = True
     ) -> list[HeatAnswer]:
         """Answers at the ends of time steps; the history starts at time 0.
 
@@ -101,7 +107,7 @@ class TransientHeatModel(HeatedModel):
         return [answer for answer, _ in steps]
 
     def outputs(
-        self, points: Any, times: Any, start: Any, *, gradient: bool = False
+        self, points: Points, times: Times, start: Start, *, gradient: bool = False
     ) -> list[Outputs]:
         """Outputs at the ends of time steps, see :meth:`HeatAnswer.outputs`.
 
@@ -125,7 +131,7 @@ class TransientHeatModel(HeatedModel):
         return found
 
     def _marched(
-        self, points: Any, times: Any, start: Any, raise_on_failure: bool
+        self, points: Points, times: Times, start: Start, raise_on_failure: bool
     ) -> Iterator[tuple[HeatAnswer, float]]:
         """Answer and length of each step."""
         ends = _times(times)
@@ -146,7 +152,7 @@ class TransientHeatModel(HeatedModel):
             yield last, float(length)
 
     def _advice(self, length: float) -> str:
-        """What to do where a step of this length finds no balance."""
+        """Advice where a step of this length finds no balance."""
         if length * self.rates[self.rates > 0].min(initial=np.inf) > STEADY_STEP:
             return "so long a step ends in steady heat, and loses digits: condense_heat has that"
         return "take shorter steps, or a smoother conductance"
@@ -178,16 +184,15 @@ class TransientHeatModel(HeatedModel):
         after = levels + self._given @ supplies - self._flowing @ flows
         return np.vstack([flows, levels]), after
 
-    def _points(self, points: Any, count: int) -> np.ndarray:
-        given = points if isinstance(points, dict) else np.asarray(points, dtype=float)
-        if isinstance(given, dict) or given.ndim == 1:
-            return np.tile(self.parameters.point(points), (count, 1))
-        checked = self.parameters.points(given)
+    def _points(self, points: Points, count: int) -> np.ndarray:
+        if isinstance(points, Mapping) or np.ndim(points) < 2:
+            return np.tile(self.parameters.point(cast("PointLike", points)), (count, 1))
+        checked = self.parameters.points(np.asarray(points, dtype=float))
         if len(checked) != count:
             raise ParameterError(f"{len(checked)} points and {count} times: one for each step")
         return checked
 
-    def _starting(self, start: Any) -> np.ndarray:
+    def _starting(self, start: Start) -> np.ndarray:
         """Amplitudes of temperatures, (r,)."""
         nodes = self._reading.shape[1]
         if is_number(start):
@@ -205,7 +210,7 @@ class TransientHeatModel(HeatedModel):
         return self._reading @ field
 
     def _warn_of_lost(self, field: np.ndarray) -> None:
-        """Warn of a start that is none of a warm body, a steady temperature or a history."""
+        """Warn of temperatures at the start that modes do not have."""
         if self.step_error == 0 or not field.any():
             return
         shapes = self.conduction.levels
@@ -242,7 +247,7 @@ class TransientHeatModel(HeatedModel):
         warming: np.ndarray = length * self.conduction.supplied - self._given
         return warming
 
-    def _of_step(self, point: np.ndarray, step: _Step, kept: np.ndarray) -> CoupledContact:
+    def _of_step(self, point: np.ndarray, step: _HeatStep, kept: np.ndarray) -> CoupledContact:
         """The problem of a step, of heat flows alone; ``kept`` are the amplitudes without them."""
         contact = self._coupled(point)
         m = self.conditions
@@ -256,7 +261,7 @@ class TransientHeatModel(HeatedModel):
         )
 
     def _found(
-        self, contact: CoupledContact, step: _Step, last: HeatAnswer | None
+        self, contact: CoupledContact, step: _HeatStep, last: HeatAnswer | None
     ) -> CoupledSolution:
         """Balance from that of the step before, or else from contact without heat, or else by gaps
         that conduct less and less.
@@ -273,7 +278,7 @@ class TransientHeatModel(HeatedModel):
         found = solved(contact, forces, nothing, step.responses)
         return found if found.converged else by_conducting_gaps(contact, forces, nothing)
 
-    def _step(self, length: float) -> _Step:
+    def _step(self, length: float) -> _HeatStep:
         found = self._steps.get(length)
         if found is None:
             weights = 1.0 / (1.0 + length * self.rates)
@@ -284,13 +289,15 @@ class TransientHeatModel(HeatedModel):
             )
             compliance = self._compliance - self._levels @ per_flow
             responses = SetResponses(self._schur, per_heat)
-            found = self._steps[length] = _Step(weights, per_flow, compliance, per_heat, responses)
+            found = self._steps[length] = _HeatStep(
+                weights, per_flow, compliance, per_heat, responses
+            )
             while len(self._steps) > KEPT_STEPS:
                 self._steps.popitem(last=False)
         return found
 
 
-def _times(times: Sequence[float]) -> np.ndarray:
+def _times(times: Times) -> np.ndarray:
     ends = np.atleast_1d(np.asarray(times, dtype=float))
     if not ends.size:
         raise ParameterError("a history of no times has no steps")
