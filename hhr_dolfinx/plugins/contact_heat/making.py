@@ -17,6 +17,7 @@ from hhr_dolfinx.errors import (
     ParameterError,
     SceneError,
     SmallStrainWarning,
+    StabilityWarning,
 )
 from hhr_dolfinx.formulas import Scalar, box_samples, formula_of
 from hhr_dolfinx.full_order.full import FullOrderModel
@@ -45,6 +46,8 @@ if TYPE_CHECKING:
 
 TRIED_SIZES = (0.0, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9)
 """Pressures and gaps at which signs of conductances are checked at first."""
+LEAST_TOLERANCE = 1e-6
+"""Least tolerance of a step, above round-off of the directions that modes are made of."""
 STEP_TOLERANCE = 1e-3
 """Error of one step of transient heat where nothing is said."""
 LONG_STEP = 10.0
@@ -110,15 +113,17 @@ def condense_transient_heat(
         scene: the scene; its parameters are those of the heat too.
         heat: conductivities, capacities, supplies, conductances and expansions. A body may be
             without a determined temperature, as it has that of its start.
-        tolerance: error of temperatures after one step that a supply or heat flow starts, over its
-            steady ones; 0 keeps all modes, which are the full order model with the same steps.
+        tolerance: error of what one step changes, over that change, see
+            :attr:`TransientHeatModel.step_error`; 1e-6 at least. 0 keeps all modes, which are the
+            full order model with the same steps, and takes memory for each of them and node.
 
     Raises:
         SceneError: for unknown tags or names, a body without a capacity, or a tolerance that
-            is not between 0 and 1.
+            is neither 0 nor between 1e-6 and 1.
         NotOfferedError: see :func:`condense_heat`.
 
     Warns:
+        StabilityWarning: where the tolerance is not met.
         SmallStrainWarning: if strains or rotations are large in a corner of the box, after a step
             of ten times the slowest decay; what bodies store that are warmed for longer is not
             checked.
@@ -140,14 +145,24 @@ def condense_transient_heat(
         >>> [float(answer.temperature().mean().round(1)) for answer in answers]
         [32.4, 44.3, 70.7]
     """
-    if not is_number(tolerance) or not 0 <= tolerance < 1:
-        raise SceneError(f"the tolerance {tolerance!r} of a step must be between 0 and 1")
+    if not is_number(tolerance) or not (tolerance == 0 or LEAST_TOLERANCE <= tolerance < 1):
+        raise SceneError(
+            f"the tolerance {tolerance!r} of a step must be between {LEAST_TOLERANCE:g} and 1, or "
+            "0 for all modes"
+        )
     prepared = _prepared(scene, heat, transient=True)
     found = transient_heat(prepared.system, tolerance)
+    if found.step_error > tolerance:
+        warn(
+            f"modes of scene '{scene.name}' miss {found.step_error:.1e} of what a step changes, "
+            f"and the tolerance is {tolerance:g}: tolerance=0 has all modes",
+            StabilityWarning,
+        )
     model = TransientHeatModel(
         TransientParts(
             prepared.parts(found.conduction),
             found.rates,
+            found.grown,
             found.drained,
             csc_matrix(prepared.system.capacity),
             found.step_error,
@@ -215,7 +230,7 @@ def _prepared(scene: Scene, heat: Heat, *, transient: bool = False) -> _Prepared
 @dataclass(frozen=True)
 class _LongStep:
     """A transient model as the check of strains reads one: after a step that is longer than its
-    slowest decay, from the temperature without thermal strain.
+    slowest decay, from the temperature without thermal strain of the first body that expands.
     """
 
     model: TransientHeatModel

@@ -17,24 +17,29 @@ from hhr_dolfinx.plugins.contact_heat.parts import Conduction
 LONGER = 10.0
 """Longest step that modes are made for, times the slowest rate but that of a level."""
 SHORTER = 0.1
-"""Shortest step that modes are made for, times the largest entry of K over that of M; and 0."""
+"""Shortest step that modes are made for, times the largest rate of a node: K_ii / M_ii."""
 PER_DECADE = 2
 """Lengths of steps for which modes are made, per factor of ten; more where they are not enough."""
-DENSER = 3
+DENSER = 2
 """Most times that this number is doubled."""
 KEPT_PART = 0.2
 """Part of the tolerance below which directions of temperatures are left out."""
+INDEPENDENT = 1e-7
+"""Size of a direction, of temperatures of size 1, that is not round-off of others."""
 SINGULAR_SHIFT = 1e-6
-"""Part of the mean rate by which matrices are shifted that are singular without a temperature."""
+"""Part of the mean rate of a node by which matrices are shifted that are singular without a
+temperature; decay that is slower counts as that.
+"""
 UNBALANCED = 1e-11
-"""Part of the heat to a body up to which what does not warm it as a whole is round-off."""
+"""Part of its size up to which heat or a change of temperatures is round-off."""
 
 
 class TransientHeat(NamedTuple):
     """Transient heat of a scene, eliminated down to heat flows of contacts and modes."""
 
-    conduction: Conduction  #: its ``supplied`` is the growth of amplitudes per supply, (r, t)
+    conduction: Conduction
     rates: np.ndarray  #: of decay, (r,)
+    grown: np.ndarray  #: growth of amplitudes per supply and time, (r, t)
     drained: np.ndarray  #: fall of amplitudes per heat flow and time, (r, m)
     step_error: float  #: see :class:`hhr_dolfinx.plugins.contact_heat.parts.TransientParts`
 
@@ -43,8 +48,9 @@ def transient_heat(system: HeatSystem, tolerance: float) -> TransientHeat:
     """Temperatures of the balanced part of heat, and modes of the deviation from them.
 
     M T' + K T = f has T = T_s + sum of e_i phi_i with K T_s = f - c M 1, and e_i' + lambda_i e_i =
-    -phi_i^T M T_s' + c phi_i^T M 1: in a body without a fixed temperature c is the rate at which it
-    warms as a whole, which makes the mean of T_s vanish; elsewhere it is 0. Modes are Ritz vectors
+    -phi_i^T M T_s' + c phi_i^T M 1, where phi_i^T M phi_i = 1. In a body without a fixed
+    temperature c makes the mean of T_s vanish: it is the rate at which the body warms where nothing
+    cools it. Elsewhere c is 0. Modes are Ritz vectors
     of the temperatures after one implicit step of each length h, (M + h K)^-1 M T_s for each
     supply, heat flow and body that is warm all over: a rational Krylov space, of each body for
     itself.
@@ -77,10 +83,11 @@ def transient_heat(system: HeatSystem, tolerance: float) -> TransientHeat:
         per_heat=fields[:, supplies:],
         levels=shapes[:, order],
         jumps=csc_matrix(system.jumps),
-        supplied=grown[order, :supplies],
+        supplied=np.zeros((rates.size, supplies)),
     )
     error = max(one[-1] for one in found)
-    return TransientHeat(conduction, rates[order], grown[order, supplies:], error)
+    of_supplies, of_flows = np.split(grown[order], [supplies], axis=1)
+    return TransientHeat(conduction, rates[order], of_supplies, of_flows, error)
 
 
 class _DecayModes(NamedTuple):
@@ -88,6 +95,14 @@ class _DecayModes(NamedTuple):
 
     shapes: np.ndarray  #: (k, r)
     rates: np.ndarray  #: (r,)
+
+
+class _Steps(NamedTuple):
+    """Steps of one length whose changes are of size 1."""
+
+    length: float
+    starts: np.ndarray  #: temperatures before, (free, f)
+    changes: np.ndarray  #: fall of the temperatures, (free, f)
 
 
 def _bodies(system: HeatSystem) -> Iterator[_HeatedBody]:
@@ -160,36 +175,42 @@ class _HeatedBody:
         """
         if not self._free.size:
             return _DecayModes(np.zeros((self.nodes.size, 0)), np.zeros(0)), 0.0
-        stored = self._starting(steady)
-        level = np.ones((self._free.size, 1)) / np.sqrt(self._capacity.sum())
-        basis = level[:, : int(self._has_level)]
         if tolerance == 0:
             return self._every(), 0.0
+        near = self._starting(steady)
+        level = np.ones((self._free.size, 1)) / np.sqrt(self._capacity.sum())
+        least = KEPT_PART * tolerance
+        basis = self._added(level[:, : int(self._has_level)], near, least)
         lengths = self._lengths()
-        for length in (0.0, *lengths):
-            basis = self._added(basis, self._after(stored, length), KEPT_PART * tolerance)
-        for _ in range(DENSER):
+        for length in lengths:
+            basis = self._added(basis, self._steps(near, length).changes, least)
+        for rounds in range(DENSER + 1):
+            if basis.shape[1] >= self._free.size:
+                return self._every(), 0.0
             between = np.sqrt(lengths[1:] * lengths[:-1])
+            steps = [self._steps(near, length) for length in between]
             shapes, rates = self._projected(basis)
-            fields = [self._after(stored, length) for length in between]
-            error = max(
-                self._error(shapes, rates, stored, length, field)
-                for length, field in zip(between, fields, strict=True)
-            )
-            if error <= tolerance:
+            error = max(self._error(shapes, rates, step) for step in steps)
+            if error <= tolerance or rounds == DENSER:
                 break
-            for field in fields:
-                basis = self._added(basis, field, KEPT_PART * tolerance)
+            for step in steps:
+                basis = self._added(basis, step.changes, least)
             lengths = np.sort(np.concatenate([lengths, between]))
         return self._scaled(shapes, rates), error
 
     def _starting(self, steady: np.ndarray) -> np.ndarray:
-        """M times steady temperatures, and times those of a warm body, of size 1, (free, f + 1)."""
+        """Steady temperatures and those of a warm body, of size 1, as near as temperatures come to
+        them that vanish where they are fixed, (free, f + 1).
+        """
         fields = np.hstack([steady, np.ones((self.nodes.size, 1))])
-        stored = (self._all_of_capacity @ fields)[self._free]
-        near = splu(self._capacity).solve(stored)
-        sizes = np.sqrt(np.maximum(np.einsum("kf,kf->f", near, stored), 0.0))
-        found: np.ndarray = stored[:, sizes > 0] / sizes[sizes > 0]
+        near = splu(self._capacity).solve((self._all_of_capacity @ fields)[self._free])
+        sizes = self._sizes(near)
+        found: np.ndarray = near[:, sizes > 0] / sizes[sizes > 0]
+        return found
+
+    def _sizes(self, fields: np.ndarray) -> np.ndarray:
+        """Sizes of temperatures by the heat that they store, (f,)."""
+        found: np.ndarray = np.sqrt(np.einsum("kf,kf->f", fields, self._capacity @ fields))
         return found
 
     def _every(self) -> _DecayModes:
@@ -233,19 +254,22 @@ class _HeatedBody:
         )
         return float(rates.max())
 
-    def _after(self, stored: np.ndarray, length: float) -> np.ndarray:
-        """Temperatures after a step of a length whose steady ones vanish, (free, f)."""
+    def _steps(self, near: np.ndarray, length: float) -> _Steps:
+        """Steps of a length from temperatures of size 1 to 0, (free, f), but those that stay."""
+        heat = length * (self._stiffness @ near)
         matrix = csc_matrix(self._capacity + length * self._stiffness)
-        found: np.ndarray = splu(matrix).solve(stored)
-        return found
+        changes = splu(matrix).solve(heat)
+        sizes = self._sizes(changes)
+        kept = sizes > UNBALANCED
+        return _Steps(length, near[:, kept] / sizes[kept], changes[:, kept] / sizes[kept])
 
     def _added(self, basis: np.ndarray, fields: np.ndarray, least: float) -> np.ndarray:
-        """The basis with what fields have beside it, without directions of smaller sizes."""
+        """The basis with what fields of size 1 have beside it, without smaller directions."""
         rest = fields
         for _ in range(2):  # once leaves round-off of the first fields
             rest = rest - basis @ (basis.T @ (self._capacity @ rest))
         squares, turned = np.linalg.eigh(rest.T @ (self._capacity @ rest))
-        kept = squares > max(least, 1e-7 * np.sqrt(max(squares.max(initial=0.0), 0.0))) ** 2
+        kept = squares > max(least, INDEPENDENT) ** 2
         return np.hstack([basis, (rest @ turned[:, kept]) / np.sqrt(squares[kept])])
 
     def _projected(self, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -257,16 +281,9 @@ class _HeatedBody:
         shapes = np.hstack([basis[:, : self._kept], others @ turned])
         return shapes, np.concatenate([np.zeros(self._kept), np.maximum(rates, 0.0)])
 
-    def _error(
-        self,
-        shapes: np.ndarray,
-        rates: np.ndarray,
-        stored: np.ndarray,
-        length: float,
-        fields: np.ndarray,
-    ) -> float:
-        """Largest error of a step by modes, over the size of steady temperatures."""
-        found = (shapes.T @ stored) / (1.0 + length * rates)[:, None]
-        missed = fields - shapes @ found
-        squares = np.einsum("kf,kf->f", missed, self._capacity @ missed)
-        return float(np.sqrt(squares.max(initial=0.0)))
+    def _error(self, shapes: np.ndarray, rates: np.ndarray, steps: _Steps) -> float:
+        """Largest error of the changes of steps by modes of size 1."""
+        damped = 1.0 - 1.0 / (1.0 + steps.length * rates)
+        amplitudes = shapes.T @ (self._capacity @ steps.starts)
+        missed = steps.changes - shapes @ (damped[:, None] * amplitudes)
+        return float(self._sizes(missed).max(initial=0.0))

@@ -32,7 +32,7 @@ class Conduction(Rebuilt):
     levels: Annotated[Floats, "n", "b"]  #: 1 in each body that contact alone feeds; modes
     #: B_T, temperature of the first surface less that of the second, (m, n)
     jumps: Annotated[csc_matrix, "m", "n"]
-    #: heat to each body that contact alone feeds, per amplitude; of modes growth of amplitudes
+    #: heat to each body that contact alone feeds, per amplitude; 0 of modes
     supplied: Annotated[Floats, "b", "t"]
 
     def supplies(self, point: np.ndarray) -> np.ndarray:
@@ -79,8 +79,10 @@ class TransientParts(Rebuilt):
 
     heated: HeatParts
     rates: Annotated[Floats, "b"]  #: of decay, 1 / time
+    grown: Annotated[Floats, "b", "t"]  #: growth of amplitudes per supply and time
     drained: Annotated[Floats, "b", "m"]  #: fall of amplitudes per heat flow and time
     capacity: Annotated[csc_matrix, "n", "n"]  #: M_T, heat that nodes store per rise
-    #: largest error of temperatures after one step that ends in steady ones of one supply or heat
-    #: flow, over these, at lengths of steps for which modes were not made
+    #: largest error of what one step changes, over that change, where the steady temperatures of a
+    #: supply, a heat flow or a warm body vanish, by the heat that they store in that body, at
+    #: lengths of steps for which modes were not made; 0 with all modes
     step_error: float

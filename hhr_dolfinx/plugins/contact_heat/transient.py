@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple, cast
+from functools import cached_property
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from scipy.sparse import csc_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from hhr_dolfinx.errors import ConvergenceError, OutsideTrainingWarning, ParameterError
@@ -25,8 +27,8 @@ from hhr_dolfinx.plugins.contact_heat.newton import (
 from hhr_dolfinx.plugins.contact_heat.parts import TransientParts
 from hhr_dolfinx.warn import warn
 
-Points = PointLike | Sequence[Sequence[float]]
-"""Parameters of all steps, (P,), or of each, (n, P)."""
+Points = PointLike | Sequence[PointLike]
+"""Parameters of all steps, (P,), or of each, (n, P), or values by name of one or each."""
 Times = Sequence[float] | np.ndarray
 """Ends of steps, (n,)."""
 Start = float | np.ndarray
@@ -35,6 +37,8 @@ LOST_START = 0.01
 """Part of the temperatures at the start that modes may lose without a word."""
 STEADY_STEP = 1e6
 """Length of a step over the slowest decay from which steady heat is what is meant."""
+UNIFORM_START = 1e-10
+"""Part of the temperatures at the start that is no deviation from those of warm bodies."""
 KEPT_STEPS = 8
 """Most lengths of steps whose matrices are kept."""
 
@@ -60,8 +64,9 @@ class TransientHeatModel(HeatedModel):
 
     Attributes:
         rates: of the decay of modes, 1 / time, (r,).
-        step_error: largest error of temperatures after one step from zero to the steady ones of a
-            supply or heat flow, over these, at lengths that were left for it; 0 with all modes.
+        step_error: largest error of what one step changes, over that change, where the steady
+            temperatures of a supply, a heat flow or a warm body vanish, by the heat that they store
+            in that body, at lengths that were left for it; 0 with all modes.
     """
 
     def __init__(self, parts: TransientParts):
@@ -88,7 +93,8 @@ class TransientHeatModel(HeatedModel):
         """Answers at the ends of time steps; the history starts at time 0.
 
         Args:
-            points: parameters during each step, (n, P), or one of all steps, (P,).
+            points: parameters during each step, (n, P), or one of all steps, (P,); or values by
+                name, of each or all.
             times: ends of the steps, positive and rising, (n,).
             start: temperature at time 0: a number, or those of the nodes, (nodes,), such as
                 ``answer.temperature()`` of the steady model.
@@ -99,6 +105,7 @@ class TransientHeatModel(HeatedModel):
             ParameterError: for points outside the box, times that do not rise, or temperatures that
                 are not those of the nodes.
             ConvergenceError: where a step finds no balance, with its time.
+            SceneError: where a conductance is negative.
 
         Warns:
             OutsideTrainingWarning: for temperatures at the start that few modes do not have.
@@ -117,7 +124,10 @@ class TransientHeatModel(HeatedModel):
                 steps, at the statuses of the answers; times and start stay.
 
         Raises:
-            ConvergenceError, ParameterError: see :meth:`march`.
+            ConvergenceError, ParameterError, SceneError: see :meth:`march`.
+
+        Warns:
+            OutsideTrainingWarning: see :meth:`march`.
         """
         count = len(self.parameters.names)
         stored = np.zeros((self.rates.size, count))  # derivatives of the amplitudes, (r, P)
@@ -153,7 +163,8 @@ class TransientHeatModel(HeatedModel):
 
     def _advice(self, length: float) -> str:
         """Advice where a step of this length finds no balance."""
-        if length * self.rates[self.rates > 0].min(initial=np.inf) > STEADY_STEP:
+        decaying = self.rates[self.rates > 0]
+        if decaying.size and length * decaying.min() > STEADY_STEP:
             return "so long a step ends in steady heat, and loses digits: condense_heat has that"
         return "take shorter steps, or a smoother conductance"
 
@@ -174,7 +185,7 @@ class TransientHeatModel(HeatedModel):
             supplied=np.zeros((0, kept.shape[1])),
         )
         without_flows = answer.levels - step.per_flow @ answer.heat
-        contact = self._of_step(answer.parameter, step, without_flows)
+        contact = self._of_step(self._coupled(answer.parameter), step, without_flows)
         solution = answer.solution
         alone = CoupledSolution(
             solution.forces, solution.slack, solution.heat, np.zeros(0), 0, converged=True
@@ -185,12 +196,14 @@ class TransientHeatModel(HeatedModel):
         return np.vstack([flows, levels]), after
 
     def _points(self, points: Points, count: int) -> np.ndarray:
-        if isinstance(points, Mapping) or np.ndim(points) < 2:
+        one = isinstance(points, Mapping) or is_number(points)
+        rows: list[Any] = [points] if one else list(cast("Sequence[Any]", points))
+        if one or all(is_number(row) for row in rows):
             return np.tile(self.parameters.point(cast("PointLike", points)), (count, 1))
-        checked = self.parameters.points(np.asarray(points, dtype=float))
+        checked = [self.parameters.point(row) for row in rows]
         if len(checked) != count:
             raise ParameterError(f"{len(checked)} points and {count} times: one for each step")
-        return checked
+        return np.array(checked)
 
     def _starting(self, start: Start) -> np.ndarray:
         """Amplitudes of temperatures, (r,)."""
@@ -209,17 +222,40 @@ class TransientHeatModel(HeatedModel):
         self._warn_of_lost(field)
         return self._reading @ field
 
+    @cached_property
+    def _parts(self) -> np.ndarray:
+        """1 in each body, (n, bodies)."""
+        count, owner = connected_components(self.transient.capacity, directed=False)
+        return (owner[:, None] == np.arange(count)).astype(float)
+
+    @cached_property
+    def _free(self) -> np.ndarray:
+        """Nodes without a fixed temperature."""
+        return np.flatnonzero(self.conduction.levels.any(axis=1))
+
+    @cached_property
+    def _capacity(self) -> csc_matrix:
+        return csc_matrix(self.transient.capacity[self._free][:, self._free])
+
+    @cached_property
+    def _factor(self) -> Any:
+        return splu(self._capacity)
+
     def _warn_of_lost(self, field: np.ndarray) -> None:
         """Warn of temperatures at the start that modes do not have."""
-        if self.step_error == 0 or not field.any():
+        if self.step_error == 0:
             return
-        shapes = self.conduction.levels
-        free = np.flatnonzero(shapes.any(axis=1))
-        capacity = csc_matrix(self.transient.capacity[free][:, free])
-        stored = (self.transient.capacity @ field)[free]
-        near = splu(capacity).solve(stored)
-        rest = near - shapes[free] @ (self._reading @ field)
-        lost = np.sqrt(max(rest @ (capacity @ rest), 0.0) / (near @ stored))
+        deviation = field - self._parts @ ((self._parts.T @ field) / self._parts.sum(axis=0))
+        stored = (self.transient.capacity @ deviation)[self._free]
+        near = self._factor.solve(stored)
+        shapes = self.conduction.levels[self._free]
+        rest = near - shapes @ (self._reading @ deviation)
+        lost = 0.0
+        for part in self._parts[self._free].T > 0:
+            size = near[part] @ stored[part]
+            left = rest[part] @ (self._capacity @ rest)[part]
+            if size > (UNIFORM_START * np.abs(field).max()) ** 2 * self._capacity.sum():
+                lost = max(lost, float(np.sqrt(max(left, 0.0) / size)))
         if lost > LOST_START:
             warn(
                 f"the start has {lost:.1%} of its size beside all temperatures that the modes of "
@@ -233,23 +269,27 @@ class TransientHeatModel(HeatedModel):
     ) -> HeatAnswer:
         """Answer after a step from the amplitudes of temperatures before, (r,)."""
         step = self._step(length)
+        whole = self._coupled(point)
         supplies = self.conduction.supplies(point)
         kept = step.weights * (amplitudes + self._warming(length) @ supplies)
-        found = self._found(self._of_step(point, step, kept), step, last)
+        found = self._found(self._of_step(whole, step, kept), step, last)
+        if not found.converged:
+            found = _lost(self.conditions)
         levels = kept + step.per_flow @ found.heat
-        whole = CoupledSolution(
+        solution = CoupledSolution(
             found.forces, found.slack, found.heat, levels, found.steps, found.converged
         )
-        return self._answer(point, self._coupled(point), whole, several=False)
+        return self._answer(point, whole, solution, several=False)
 
     def _warming(self, length: float) -> np.ndarray:
         """Amplitudes that supplies add in a step, before they decay, (r, t)."""
-        warming: np.ndarray = length * self.conduction.supplied - self._given
+        warming: np.ndarray = length * self.transient.grown - self._given
         return warming
 
-    def _of_step(self, point: np.ndarray, step: _HeatStep, kept: np.ndarray) -> CoupledContact:
+    def _of_step(
+        self, contact: CoupledContact, step: _HeatStep, kept: np.ndarray
+    ) -> CoupledContact:
         """The problem of a step, of heat flows alone; ``kept`` are the amplitudes without them."""
-        contact = self._coupled(point)
         m = self.conditions
         return contact._replace(
             slack=contact.slack + self._per_heat[:, m:] @ kept,
@@ -269,8 +309,7 @@ class TransientHeatModel(HeatedModel):
         nothing = np.zeros(self.conditions)
         if last is not None:
             if not last.converged:
-                lost = np.full(self.conditions, np.nan)
-                return CoupledSolution(lost, lost, lost.copy(), np.zeros(0), 0, False)
+                return _lost(self.conditions)
             found = solved(contact, last.forces(), last.heat, step.responses)
             if found.converged:
                 return found
@@ -279,8 +318,11 @@ class TransientHeatModel(HeatedModel):
         return found if found.converged else by_conducting_gaps(contact, forces, nothing)
 
     def _step(self, length: float) -> _HeatStep:
+        length = float(f"{length:.12e}")  # those of np.arange differ by round-off
         found = self._steps.get(length)
-        if found is None:
+        if found is not None:
+            self._steps.move_to_end(length)
+        else:
             weights = 1.0 / (1.0 + length * self.rates)
             drained = length * self.transient.drained
             per_flow = weights[:, None] * (self._flowing - drained)
@@ -297,8 +339,17 @@ class TransientHeatModel(HeatedModel):
         return found
 
 
+def _lost(conditions: int) -> CoupledSolution:
+    """No solution, (m,) NaN."""
+    forces, slack, flows = np.full((3, conditions), np.nan)
+    return CoupledSolution(forces, slack, flows, np.zeros(0), 0, converged=False)
+
+
 def _times(times: Times) -> np.ndarray:
-    ends = np.atleast_1d(np.asarray(times, dtype=float))
+    try:
+        ends = np.atleast_1d(np.asarray(times, dtype=float))
+    except (TypeError, ValueError):
+        raise ParameterError(f"the times {times!r} of a history must be numbers") from None
     if not ends.size:
         raise ParameterError("a history of no times has no steps")
     if ends.ndim != 1 or not np.isfinite(ends).all() or (np.diff(ends, prepend=0.0) <= 0).any():

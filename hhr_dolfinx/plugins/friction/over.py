@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from hhr_dolfinx.scene import Scene
 
 
-class BesidePressures(Friction):
-    """Friction, and laws of the pressures: what both are, keep and remember."""
+class FrictionWithPressureLaws(Friction):
+    """Friction of contacts and laws of their pressures, as one law of a scene."""
 
     pressures: Range  #: laws of the pressures, and their rows
 
@@ -79,7 +79,7 @@ class BesidePressures(Friction):
 
 
 @dataclass(frozen=True)
-class FrictionOver(BesidePressures, Friction, OverLaws):
+class FrictionOver(FrictionWithPressureLaws, OverLaws):
     """Friction, and the laws of the pressures of its contacts, (C,)."""
 
     under: Interface

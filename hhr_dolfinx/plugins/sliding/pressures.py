@@ -25,7 +25,7 @@ from hhr_dolfinx.plugins.contact_laws.ranges import (
     Together,
 )
 from hhr_dolfinx.plugins.friction.laws import Friction, places_of
-from hhr_dolfinx.plugins.friction.over import BesidePressures
+from hhr_dolfinx.plugins.friction.over import FrictionWithPressureLaws
 from hhr_dolfinx.plugins.friction.range import FrictionRange, FrictionStep
 from hhr_dolfinx.plugins.friction.sliding_set import Sliding
 
@@ -57,7 +57,7 @@ class SlidingFriction(Friction):
 
 
 @dataclass(frozen=True)
-class FrictionBesideLaws(BesidePressures, SlidingFriction):
+class FrictionBesideLaws(FrictionWithPressureLaws, SlidingFriction):
     """Friction of all contacts, and laws on the pressures of some."""
 
     #: laws on all pressures: those of the pairs that do not slide, then of the slave nodes. Each

@@ -1,5 +1,8 @@
 """Transient heat through contacts: a coupled full model of implicit steps, and closed forms."""
 
+import dataclasses
+import functools
+
 import numpy as np
 import pytest
 from heated_pairs import CAPACITY, Coupled, blocks, heat
@@ -10,8 +13,11 @@ from hhr_dolfinx.errors import (
     OutsideTrainingWarning,
     ParameterError,
     SceneError,
+    StabilityWarning,
 )
+from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
+from hhr_dolfinx.plugins.contact_heat import modes
 
 pytestmark = pytest.mark.filterwarnings("ignore:parameters")  # of the mesh alone, without heat
 
@@ -53,12 +59,12 @@ def test_few_modes_are_near_all_of_them_and_say_how_near():
     for tolerance in (0.1, 1e-2, 1e-3, 1e-4):
         model = hhr.condense_transient_heat(blocks(cells=12), heat(), tolerance=tolerance)
         found = np.array([one.temperature() for one in model.march(PATH, TIMES, start=12.0)])
-        assert np.abs(found - expected).max() < 3 * tolerance * 150.0
+        assert np.abs(found - expected).max() < min(3 * tolerance, 0.02) * 150.0
         assert 0 < model.step_error <= tolerance
         counts.append(model.rates.size)
         assert (model.rates > whole.rates[: counts[-1]] * (1 - 1e-9)).all()
         np.testing.assert_allclose(model.rates[0], whole.rates[0], rtol=tolerance)
-    assert counts == sorted(counts) and counts[-1] < whole.rates.size / 2
+    assert counts == sorted(counts) and counts[-1] < 0.6 * whole.rates.size
 
 
 @pytest.mark.parametrize(
@@ -98,6 +104,32 @@ def test_heat_that_warms_a_body_as_a_whole_needs_no_modes():
     ]
     assert models[0].rates.size == models[1].rates.size
     assert not models[1].conduction.temperatures.any()
+
+
+def test_steps_beside_the_contact_of_long_bodies_are_near():
+    """What a short step changes there is a small part of what the whole rod stores."""
+    geometry = functools.partial(
+        two_blocks.two_blocks,
+        first=((0.0, 0.0), (1.0, 40.0), (2, 200)),
+        second=((0.0, 40.0), (1.0, 80.0), (2, 200)),
+    )
+    scene = dataclasses.replace(blocks(), geometry=geometry, outputs=())
+    given = heat(conductance={0: 100.0})
+    model, whole = (hhr.condense_transient_heat(scene, given, one) for one in (1e-3, 0))
+    problem = hhr.FullOrderModel(scene).problem
+    start = np.where(problem.points[:, 1] > 40.0, 100.0, 20.0)
+    for found, expected in zip(
+        *(of.march(PATH[1], TIMES[:3], start) for of in (model, whole)), strict=True
+    ):
+        np.testing.assert_allclose(found.temperature(), expected.temperature(), atol=0.02)
+        np.testing.assert_allclose(found.heat, expected.heat, rtol=1e-5)
+
+
+def test_a_tolerance_that_is_not_met_is_told_of(monkeypatch):
+    monkeypatch.setattr(modes, "PER_DECADE", 0.1)
+    monkeypatch.setattr(modes, "DENSER", 0)
+    with pytest.warns(StabilityWarning, match="tolerance=0 has all modes"):
+        hhr.condense_transient_heat(blocks(cells=12), heat(), 1e-6)
 
 
 def test_long_steps_end_in_the_steady_balance():
@@ -152,21 +184,22 @@ def test_bodies_without_a_temperature_store_what_they_are_given():
 
 
 def test_a_slab_that_is_cooled_at_one_side_is_fouriers():
-    """T = sum of 4 / ((2k + 1) pi) sin(..) exp(-..), by steps of 1e-5 of the slowest decay, whose
-    error is below that of twelve cells across.
+    """T = sum of 4 / ((2k + 1) pi) sin(..) exp(-..).
+
+    Steps of 4e-3 over the slowest decay are off by .06 of 100, four times as much as twelve cells.
     """
     temperatures = [hhr.FixedTemperature(side(FIRST, 1, False), 0.0)]
     given = heat(conductance={}, expansion={}, temperatures=temperatures)
     model = hhr.condense_transient_heat(blocks(cells=12), given)
     problem = hhr.FullOrderModel(blocks(cells=12)).problem
     height = problem.points[:, 1]
-    bottom = (height < 1 - 1e-9) & (problem.points[:, 0] >= 0)
+    bottom = height < 1 - 1e-9
     diffusivity = 20.0 / CAPACITY[FIRST]
     times = np.linspace(0.0, 0.1, 401)[1:]
     answer = model.march([0.002, 20.0], times, start=100.0)[-1]
     odd = np.arange(1, 60, 2)[:, None] * np.pi / 2
     series = 100 * 2 / odd * np.sin(odd * height[bottom]) * np.exp(-(odd**2) * diffusivity * 0.1)
-    np.testing.assert_allclose(answer.temperature()[bottom], series.sum(axis=0), atol=0.15)
+    np.testing.assert_allclose(answer.temperature()[bottom], series.sum(axis=0), atol=0.07)
     # the other body keeps its temperature
     np.testing.assert_allclose(answer.temperature()[height > 1.5], 100.0, rtol=1e-12)
 
@@ -195,6 +228,7 @@ def test_gradients_are_those_of_differences(fed):
         moved = np.eye(2)[number] * step
         up, down = (model.outputs(points + sign * moved, times, 12.0) for sign in (1, -1))
         for here, above, below in zip(found, up, down, strict=True):
+            assert set(here.gradient) == set(here.values) >= {"heat 0", "peak", "corner"}
             for name, gradient in here.gradient.items():
                 expected = (above[name] - below[name]) / 2 / step
                 assert gradient[number] == pytest.approx(expected, rel=2e-5, abs=1e-7)
@@ -214,8 +248,9 @@ def test_starts_are_warm_bodies_answers_or_warned_of():
     ):
         np.testing.assert_allclose(one.temperature(), other.temperature(), rtol=0, atol=0.4)
     rough = np.random.default_rng(0).uniform(0.0, 100.0, NODES)
-    with pytest.warns(OutsideTrainingWarning, match=r"the start .* modes"):
-        model.march(PATH, TIMES, rough)
+    for zero in (0.0, 273.15):  # of the scale
+        with pytest.warns(OutsideTrainingWarning, match=r"the start .* modes"):
+            model.march(PATH, TIMES, rough + zero)
     whole.march(PATH, TIMES, rough)
 
 
@@ -240,7 +275,9 @@ def test_a_file_has_the_same_histories(tmp_path):
         (PATH[0], [1.0], np.zeros(3), "the 98 nodes"),
         (PATH[0], [1.0], np.nan, "finite temperature"),
         (PATH[0], [1.0], "warm", "finite temperature"),
-        ([0.002, 500.0], [1.0], 12.0, "T"),
+        ([0.002, 500.0], [1.0], 12.0, "T = 500"),
+        (PATH[0], "soon", 12.0, "must be numbers"),
+        ([[0.002], [0.002, 20.0]], [1.0, 2.0], 12.0, "expected 2 parameters"),
     ],
 )
 def test_what_is_no_history_is_refused(points, times, start, said):
@@ -267,9 +304,10 @@ def test_a_step_that_is_steady_names_the_steady_model():
     [
         ({"capacity": {FIRST: 3.0}}, 1e-3, "body .* needs a capacity"),
         ({"capacity": {FIRST: 3.0, SECOND: 1.0, 77: 1.0}}, 1e-3, "body 77"),
-        ({}, 1.0, "must be between 0 and 1"),
-        ({}, np.nan, "must be between 0 and 1"),
-        ({}, -1e-3, "must be between 0 and 1"),
+        ({}, 1.0, "must be between 1e-06 and 1"),
+        ({}, 1e-12, "must be between 1e-06 and 1"),
+        ({}, np.nan, "must be between 1e-06 and 1"),
+        ({}, -1e-3, "must be between 1e-06 and 1"),
     ],
 )
 def test_what_has_no_transient_is_refused(more, tolerance, said):
@@ -300,4 +338,5 @@ def test_a_step_without_a_balance_keeps_those_before(monkeypatch):
     kept = model.march(PATH, TIMES, start=12.0, raise_on_failure=False)
     assert [one.converged for one in kept] == [True, True, True, False, False]
     np.testing.assert_array_equal(kept[2].heat, whole[2].heat)
-    assert np.isnan(kept[4].heat).all()
+    for lost in kept[3:]:
+        assert all(np.isnan(part).all() for part in (lost.forces(), lost.heat, lost.gaps))
