@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 TRIED_SIZES = (0.0, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9)
 """Pressures and gaps at which signs of conductances are checked at first."""
-LEAST_TOLERANCE = 1e-6
+FINEST_TOLERANCE = 1e-6
 """Least tolerance of a step, above round-off of the directions that modes are made of."""
 STEP_TOLERANCE = 1e-3
 """Error of one step of transient heat where nothing is said."""
@@ -145,9 +145,9 @@ def condense_transient_heat(
         >>> [float(answer.temperature().mean().round(1)) for answer in answers]
         [32.4, 44.3, 70.7]
     """
-    if not is_number(tolerance) or not (tolerance == 0 or LEAST_TOLERANCE <= tolerance < 1):
+    if not is_number(tolerance) or not (tolerance == 0 or FINEST_TOLERANCE <= tolerance < 1):
         raise SceneError(
-            f"the tolerance {tolerance!r} of a step must be between {LEAST_TOLERANCE:g} and 1, or "
+            f"the tolerance {tolerance!r} of a step must be between {FINEST_TOLERANCE:g} and 1, or "
             "0 for all modes"
         )
     prepared = _prepared(scene, heat, transient=True)
