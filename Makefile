@@ -150,7 +150,7 @@ lint: setup
 	.venv/bin/python -m mypy
 
 test: setup
-	@echo "About ten minutes on two idle cores, three times as long on busy ones; dots come as tests are done."
+	@echo "About eight minutes on two idle cores, three times as long on busy ones; dots come as tests are done."
 	.venv/bin/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 QUICK = active_set bad_input bad_meshes enrichment formulas forms full_order house \
@@ -178,8 +178,8 @@ without: setup
 slow: setup
 	.venv/bin/python -m pytest -m slow --record=tests/slow_report.json -n auto --maxprocesses 4 --dist worksteal
 
-# one of sixteen parts of these tests, chosen by the commit: what none of the others sees is seen a few commits later
-SLICE = $(shell echo $$((0x$$(git rev-parse --short=6 HEAD 2>/dev/null || echo 0) % 16)))/16
+# one of twenty parts of these tests, chosen by the commit: what none of the others sees is seen a few commits later
+SLICE = $(shell echo $$((0x$$(git rev-parse --short=6 HEAD 2>/dev/null || echo 0) % 20)))/20
 slice: setup
 	.venv/bin/python -m pytest -m slow --slice=$(SLICE) -n auto --maxprocesses 4 --dist worksteal
 
