@@ -13,6 +13,10 @@ ROOT = Path(__file__).parents[1]
 RECORD = Path(__file__).parent / "slow_report.json"
 
 
+ONE_BY_ONE = "test_scripts.py", "test_compose.py"
+"""Files that take minutes, and whose tests share no fixture that takes long."""
+
+
 def slice_of(text):
     """Index and count of a slice such as ``2/6``: tests of index 2 of 6.
 
@@ -28,9 +32,10 @@ def slice_of(text):
 def unit(nodeid):
     """Tests that a slice has or has not: a file, whose tests share fixtures.
 
-    Scripts, which share none, one by one.
+    Files whose tests share none that takes long, one by one.
     """
-    return nodeid if "test_scripts.py" in nodeid else nodeid.partition("::")[0]
+    file = nodeid.partition("::")[0]
+    return nodeid if file.endswith(ONE_BY_ONE) else file
 
 
 def planned(seconds, count):
@@ -108,7 +113,11 @@ def pytest_configure(config):
 def recorded(path=RECORD):
     """Seconds of each unit in the last record of all slow tests; empty without one."""
     files = json.loads(path.read_text())["files"] if path.exists() else {}
-    return {name: row["seconds"] for name, row in files.items()}
+    return {
+        name: row["seconds"]
+        for name, row in files.items()
+        if "::" in name or not name.endswith(ONE_BY_ONE)
+    }
 
 
 def keep_slice(config, items):
