@@ -38,7 +38,7 @@ class HeatSystem:
     loads: np.ndarray  #: heat to each node per amplitude, (n, t)
     lifted: np.ndarray  #: fixed temperatures per amplitude, 0 elsewhere, (n, t)
     fixed: np.ndarray  #: nodes of fixed temperatures
-    levels: np.ndarray  #: 1 in each body that contact alone feeds, (n, b)
+    levels: np.ndarray  #: 1 in each body that contact alone feeds, (n, b); none of transient heat
     pins: np.ndarray  #: a node of each body that contact alone feeds, (b,)
     jumps: csr_matrix  #: B_T, temperature of the first surface less that of the second, (m, n)
     expansion: csr_matrix  #: C, nodal forces per temperature, (N, n)
@@ -66,7 +66,11 @@ def heat_system(
     fixed, values, of_fixed = _fixed(full.discretisation, heat)
     jumps = jumps_of(full)
     conducting = jumps[np.isin(full.problem.contact_pairs, list(conducts))]
-    levels, pins = _levels(stiffness, fixed, assembly.cooled, None if transient else conducting)
+    if transient:  # all bodies have the temperature of their start
+        levels = np.zeros((stiffness.shape[0], 0))
+        pins = np.zeros(0, dtype=int)
+    else:
+        levels, pins = _levels(stiffness, fixed, assembly.cooled, conducting)
     expansion, at_rest = assembly.expansion()
     names = full.parameters.names
     return HeatSystem(
@@ -176,7 +180,7 @@ def _fixed(
 
 
 def _levels(
-    stiffness: csr_matrix, fixed: np.ndarray, cooled: np.ndarray, conducting: csr_matrix | None
+    stiffness: csr_matrix, fixed: np.ndarray, cooled: np.ndarray, conducting: csr_matrix
 ) -> tuple[np.ndarray, np.ndarray]:
     """1 in each part of the mesh without fixed temperature and convection, (n, b), and one node of
     each, which is held instead of the level.
@@ -185,26 +189,13 @@ def _levels(
         stiffness: K_T, (n, n).
         fixed: nodes of fixed temperatures.
         cooled: nodes with convection.
-        conducting: rows of contacts that conduct, (k, n), which must determine the levels; None
-            where these have a start.
+        conducting: rows of contacts that conduct, (k, n).
 
     Raises:
         SceneError: if no contact joins such a part to one whose temperature is determined.
     """
     count, owner = connected_components(stiffness, directed=False)
     held = np.unique(owner[np.concatenate([fixed, cooled]).astype(int)])
-    if conducting is not None:
-        _check_levels(count, owner, held, conducting)
-    levels = np.column_stack(
-        [
-            np.zeros((len(owner), 0)),
-            *(owner == part for part in range(count) if part not in held),
-        ]
-    )
-    return levels, np.array([np.flatnonzero(column)[0] for column in levels.T], dtype=int)
-
-
-def _check_levels(count: int, owner: np.ndarray, held: np.ndarray, conducting: csr_matrix) -> None:
     joined = np.zeros((count, count))
     for row in conducting:
         parts = np.unique(owner[row.indices[np.abs(row.data) > 0]])
@@ -217,6 +208,13 @@ def _check_levels(count: int, owner: np.ndarray, held: np.ndarray, conducting: c
             "neither a fixed temperature nor convection, and no contact that conducts joins them "
             "to a body that has. Name one, or give their contact a conductance"
         )
+    levels = np.column_stack(
+        [
+            np.zeros((len(owner), 0)),
+            *(owner == part for part in range(count) if part not in held),
+        ]
+    )
+    return levels, np.array([np.flatnonzero(column)[0] for column in levels.T], dtype=int)
 
 
 class _Assembly:

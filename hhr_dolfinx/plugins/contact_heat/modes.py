@@ -50,10 +50,9 @@ def transient_heat(system: HeatSystem, tolerance: float) -> TransientHeat:
     M T' + K T = f has T = T_s + sum of e_i phi_i with K T_s = f - c M 1, and e_i' + lambda_i e_i =
     -phi_i^T M T_s' + c phi_i^T M 1, where phi_i^T M phi_i = 1. In a body without a fixed
     temperature c makes the mean of T_s vanish: it is the rate at which the body warms where nothing
-    cools it. Elsewhere c is 0. Modes are Ritz vectors
-    of the temperatures after one implicit step of each length h, (M + h K)^-1 M T_s for each
-    supply, heat flow and body that is warm all over: a rational Krylov space, of each body for
-    itself.
+    cools it. Elsewhere c is 0. Modes are Ritz vectors of the temperatures after one implicit step
+    of each length h, (M + h K)^-1 M T_s for each supply, heat flow and body that is warm all over:
+    a rational Krylov space, of each body for itself.
 
     Args:
         system: heat of a scene, with its capacity.

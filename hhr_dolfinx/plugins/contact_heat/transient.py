@@ -208,8 +208,8 @@ class TransientHeatModel(HeatedModel):
     def _starting(self, start: Start) -> np.ndarray:
         """Amplitudes of temperatures, (r,)."""
         nodes = self._reading.shape[1]
-        if is_number(start):
-            start = np.full(nodes, float(start))
+        if is_number(start):  # bodies that are warm all over are in the modes
+            return float(start) * self._reading.sum(axis=1)
         try:
             field = np.asarray(start, dtype=float)
         except (TypeError, ValueError):

@@ -29,7 +29,7 @@ PATH = np.array([[0.002, 20.0], [0.006, 150.0], [0.006, 150.0], [0.002, 150.0], 
 
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric"])
 def test_all_modes_are_a_coupled_full_model(hypothesis):
-    """Which shares the mesh alone, with steps of three lengths; statuses change along the path."""
+    """Which shares the mesh alone, with steps of four lengths; statuses change along the path."""
     scene = blocks(hypothesis)
     model = hhr.condense_transient_heat(scene, heat(), tolerance=0)
     assert model.step_error == 0 and model.rates.size == FREE
