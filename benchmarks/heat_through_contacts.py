@@ -12,6 +12,7 @@ forty steps of the rod are then marched through, steady and transient.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import _demos  # noqa: F401 (before the scenes)
@@ -297,6 +298,25 @@ def marched(model: Any, histories: int, seed: int, *times: Any) -> dict[str, Any
     return {"histories": histories, "seconds": seconds, "hottest": hottest, "met": seconds <= limit}
 
 
+def table(
+    title: str, own: dict[str, Callable[[dict[str, Any]], str]], rows: list[dict[str, Any]]
+) -> Table:
+    """Rows with columns of their own, differences and times."""
+    columns = {
+        "scene": lambda row: row["scene"],
+        **own,
+        "offline": lambda row: f"{row['offline_s']:.1f} s",
+        "forces off": lambda row: f"{row['off']['forces']:.0e}",
+        "ms": lambda row: f"{row['ms']['condensed']:.2f}",
+        "full, ms": lambda row: f"{row['ms']['full']:.0f}",
+        "x": lambda row: f"{row['faster']:.0f}",
+    }
+    found = Table(*columns, title=title)
+    for row in rows:
+        found.add_row(*(column(row) for column in columns.values()))
+    return found
+
+
 def main() -> None:
     """Compare, march, write and print."""
     options = cli.parse(cli.demo_parser("heat_through_contacts", __doc__))
@@ -324,26 +344,18 @@ def main() -> None:
         seconds,
         START,
     )
-    table = Table(title="Heat through contacts, condensed, beside the coupled full order")
-    for head in ("scene", "dofs", "m", "offline", "forces off", "heat off", "ms", "full, ms", "x"):
-        table.add_column(head)
-    for row in rows:
-        table.add_row(
-            row["scene"], str(row["dofs"]), str(row["conditions"]), f"{row['offline_s']:.1f} s",
-            f"{row['off']['forces']:.0e}", f"{row['off']['heat']:.0e}",
-            f"{row['ms']['condensed']:.2f}", f"{row['ms']['full']:.0f}", f"{row['faster']:.0f}",
-        )  # fmt: skip
-    options.console.print(table)
-    in_steps = Table(title=f"Transients of {STEPS} steps, per step")
-    for head in ("scene", "modes", "offline", "forces off", "T off", "ms", "full, ms", "x"):
-        in_steps.add_column(head)
-    for row in transients:
-        in_steps.add_row(
-            row["scene"], str(row["modes"]), f"{row['offline_s']:.1f} s",
-            f"{row['off']['forces']:.0e}", f"{row['off']['temperature']:.0e}",
-            f"{row['ms']['condensed']:.2f}", f"{row['ms']['full']:.0f}", f"{row['faster']:.0f}",
-        )  # fmt: skip
-    options.console.print(in_steps)
+    steady = {
+        "dofs": lambda row: str(row["dofs"]),
+        "m": lambda row: str(row["conditions"]),
+        "heat off": lambda row: f"{row['off']['heat']:.0e}",
+    }
+    in_steps = {
+        "modes": lambda row: str(row["modes"]),
+        "T off": lambda row: f"{row['off']['temperature']:.0e}",
+    }
+    title = "Heat through contacts, condensed, beside the coupled full order"
+    options.console.print(table(title, steady, rows))
+    options.console.print(table(f"Transients of {STEPS} steps, per step", in_steps, transients))
     for kind, many in (("steady", told), ("transient", later)):
         options.console.print(
             f"{many['histories']} {kind} histories of {STEPS} steps of the rod: "
