@@ -64,14 +64,12 @@ class RigidMotion:
         """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
 
         Raises:
-            SceneError: for too few nodes, or an axisymmetric mesh.
+            SceneError: for a single node.
         """
         nodes, points = nodes_at(assembler, self.place, self)
         dim = points.shape[1]
-        if len(points) < 2 or assembler.hypothesis == "axisymmetric":
-            raise SceneError(
-                f"{self!r} needs two nodes or more, and a mesh that is not axisymmetric"
-            )
+        if len(points) < 2:
+            raise SceneError(f"{self!r} needs two nodes or more")
         coupled = _coupled(self, dim)
         motions = rigid_motions(points, assembler.hypothesis)[:, :, coupled].reshape(
             -1, len(points) * len(coupled)

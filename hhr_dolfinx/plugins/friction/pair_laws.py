@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -111,6 +111,9 @@ class Tangential(KnownArguments, PairLaw):
             places(shaped),
             Mesh(*mesh),
         )
+        rigid = [pair for pair in laws if getattr(scene.contacts[pair], "same_everywhere", False)]
+        everywhere = np.isin(pairs[friction.normal], rigid)
+        friction = replace(friction, spacing=np.where(everywhere, 0.0, friction.spacing))
         under = {pair: law.under for pair, law in laws.items() if law.under is not None}
         friction = over_laws(friction, under, scene, rows, pairs, free, lifts, mesh)
         return longer, of_pairs, friction
