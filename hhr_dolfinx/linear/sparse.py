@@ -358,7 +358,7 @@ class FreeCholesky:
         refining = refined and self.low_rank is not None
         most = REFINED_NUMBERS if refining else SOLVED_NUMBERS
         each = self._columns.size / self._comm.size  # the same blocks on all ranks
-        block_size = max(min(RIGHT_SIDES, int(most / each), count), 1)
+        block_size = max(min(RIGHT_SIDES, int(most / max(each, 1)), count), 1)
         solutions = np.empty((free_count, block_size), order="F")
         for first in range(0, count, block_size):
             span = slice(first, min(first + block_size, count))

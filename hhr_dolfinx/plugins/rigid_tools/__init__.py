@@ -8,7 +8,6 @@ _OUTPUTS = {f"{_HERE}.outputs": "ToolMotion"}
 PLUGIN = Plugin(
     name="rigid_tools",
     needs=("constraints",),
-    optional=("floating", "friction", "obstacles"),
     public={f"{_HERE}.drive": "drive", **_OUTPUTS},
     parts={"outputs": _OUTPUTS},
     switches={f"{_HERE}.switches": "driven_tool"},

@@ -13,10 +13,8 @@ from hhr_dolfinx.plugins.rigid_tools.mesh import ToolMesh
 from hhr_dolfinx.plugins.rigid_tools.pairing import OnTool
 from hhr_dolfinx.scene import Body, Scene
 
-YOUNG = 1.0
-"""Modulus of the cell of a tool, which moves as a rigid body and has no strain."""
-AXIS = 1
-"""The one component of a tool in axisymmetry."""
+MODULUS = 1.0
+"""Young's modulus of the cell of a tool, which moves as a rigid body and has no strain."""
 
 
 def drive(
@@ -30,11 +28,11 @@ def drive(
 ) -> Scene:
     """The scene with a rigid tool that forces drive: where it goes is a part of the answer.
 
-    The obstacles of some contacts become the tool. It moves as one rigid body, and drags what it
-    rubs on by friction. Components are 0 and 1, in space 0 to 2, of its reference point, then its
-    turns, in rad: 2 in the plane, 3 to 5 in space. In axisymmetry it moves along the axis, 1.
-    Motions are small, as those of all bodies: places that meet, and normals, are those of the tool
-    where it is drawn.
+    The obstacles of some contacts become the tool. It moves as one rigid body, and drags by
+    friction what it presses on. Components are those of its reference point, 0 and 1, in space 0
+    to 2, then its turns in rad, 2 in the plane, 3 to 5 in space. In axisymmetry it moves along the
+    axis, 1. Motions are small, as those of all bodies: places that meet, and normals, are those of
+    the tool where it is drawn.
 
     Args:
         scene: scene with obstacles, such as ``Obstacle`` and ``Sphere``.
@@ -51,8 +49,8 @@ def drive(
         A scene, for models of all kinds.
 
     Raises:
-        SceneError: for a contact that is no rigid obstacle, and components that do not exist or are
-            named twice.
+        SceneError: for a contact that is no rigid obstacle, components that do not exist or are
+            named twice, and scenes with a user-defined system.
 
     Example:
         With the scene of :class:`~hhr_dolfinx.Scene`:
@@ -69,6 +67,11 @@ def drive(
     numbers = (contacts,) if is_whole(contacts, 0) else tuple(contacts)  # type: ignore[arg-type]
     if not isinstance(name, str) or not name:
         raise SceneError(f"name = {name!r} of a tool must be a text")
+    if scene.system is not None:
+        raise SceneError(
+            f"scene '{scene.name}' has a user-defined system, which states K of all dofs, and "
+            "not those of a tool: move the obstacle by an Opening"
+        )
     for number in numbers:
         _check_obstacle(scene, number)
     point = as_tuple(f"the reference point of tool '{name}'", at)
@@ -76,7 +79,8 @@ def drive(
         raise SceneError(f"the reference point {at!r} of tool '{name}' must be 2 or 3 coordinates")
     axisymmetric = scene.hypothesis == "axisymmetric"
     components = _components(scene.hypothesis, len(point))
-    forces, motions = dict(force or {}), dict(motion or {})
+    forces = dict(force or {})
+    motions = dict(motion or {})
     _check_components(name, forces, motions, components)
     held = {component: motions.get(component, 0.0) for component in components}
     constraints = [
@@ -92,7 +96,7 @@ def drive(
     return replace(
         scene,
         geometry=ToolMesh(scene.geometry, point, name, axisymmetric),
-        bodies=(*scene.bodies, Body(name, YOUNG, 0.0)),
+        bodies=(*scene.bodies, Body(name, MODULUS, 0.0)),
         contacts=tuple(
             OnTool.of(contact, name) if number in numbers else contact
             for number, contact in enumerate(scene.contacts)
@@ -105,7 +109,7 @@ def drive(
 def _components(hypothesis: str, dim: int) -> tuple[int, ...]:
     """Components of the motion of a tool."""
     if hypothesis == "axisymmetric":
-        return (AXIS,)
+        return (1,)
     return tuple(range(3 if dim == 2 else 6))
 
 

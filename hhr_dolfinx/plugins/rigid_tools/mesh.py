@@ -31,7 +31,7 @@ class ToolMesh:
     geometry: Callable[[Comm], Any]  #: geometry of a scene
     at: tuple[float, ...]  #: the reference point, (dim,), in the middle of the cell
     name: str
-    axisymmetric: bool = False  #: the cell is moved to positive radii
+    axisymmetric: bool = False  #: the cell stays at positive radii
 
     def __call__(self, comm: Comm) -> compat.NamedMesh:
         """Mesh of both.
@@ -77,8 +77,8 @@ class ToolMesh:
         )
         top = mesh.topology.dim
         groups += [(self.name, (top - k, numbers[k])) for k in (0, 1)]
-        summary, sets = getattr(given, "summary", None), getattr(given, "nodes", None)
-        return compat.NamedMesh(made, of_cells, of_facets, groups, summary, sets)
+        kept = {key: getattr(given, key, None) for key in ("summary", "nodes")}
+        return compat.NamedMesh(made, of_cells, of_facets, groups, **kept)
 
     def _cell(self, points: np.ndarray, kind: str, degree: int) -> np.ndarray:
         """Nodes of the cell, (k, dim)."""

@@ -82,8 +82,8 @@ class OnTool(KnownArguments):
         follows = _follows(met, tool.points)
         nodes = np.repeat(surface.nodes, len(tool.nodes)), np.tile(tool.nodes, len(met))
         shape = (dofs // dim,) * 2
-        moved = kron(csr_matrix((follows.ravel(), nodes), shape=shape), np.eye(dim), format="csr")
-        return replace(rows, matrix=csr_matrix(rows.matrix - rows.matrix @ moved))
+        motion = kron(csr_matrix((follows.ravel(), nodes), shape=shape), np.eye(dim), format="csr")
+        return replace(rows, matrix=csr_matrix(rows.matrix - rows.matrix @ motion))
 
     def gap_terms(self, surfaces: Sequence[Surface], rows: ContactRows) -> list[Any]:
         """Changes of the gaps of the obstacle over the box.

@@ -274,6 +274,14 @@ FUNCTIONS = {
     ],
     "reduce": lambda work: work.solved(hhr.reduce(pair(), 0.01)),
     "save_model": lambda work: [work.file.stat().st_size > 0],
+    "drive": lambda work: (
+        hhr.FullOrderModel(
+            hhr.drive(pressed_block("plane_strain"), 0, at=(0.5, 0.0), motion={1: "push / 10"}),
+            COMM,
+        )
+        .solve({"push": 0.05})
+        .forces()
+    ),
     "slide": lambda work: (
         hhr.slide(pressed_pair("plane_strain", BODIES, cells=2, matching=False, openings=()))
         .solve({"push": 0.03, "slide": 0.0, "load": 0.05, "gap": 0.005})

@@ -84,9 +84,7 @@ def test_a_force_presses_and_friction_resists(made):
     """Pressures bear the force, and their sum times the coefficient is what drags a tool that
     slides, whatever the motion is beyond.
     """
-    scene = hhr.drive(
-        flat(0.3), 0, at=(1.0, 1.0), force={1: "-F", 2: 0.0}, motion={0: "slide"}
-    )
+    scene = hhr.drive(flat(0.3), 0, at=(1.0, 1.0), force={1: "-F", 2: 0.0}, motion={0: "slide"})
     path = path_of((0.001, 0, 0), (0.01, 0, 0), (0.01, 0.1, 0), (0.01, 0.5, 0), (0.02, 0, 0))
     with warnings.catch_warnings():  # along a plane contact is the same everywhere
         warnings.simplefilter("error", FarSlidingWarning)
@@ -129,9 +127,7 @@ def test_a_tool_tilts_below_a_force_beside_its_middle(along):
 @needs("floating")
 def test_gradients_along_a_force_and_its_moment():
     """By differences, of forces and motions."""
-    model = hhr.condense(
-        replace(turned(flat(), (1.6, 1.0)), outputs=(hhr.ToolMotion("turns", 2),))
-    )
+    model = hhr.condense(replace(turned(flat(), (1.6, 1.0)), outputs=(hhr.ToolMotion("turns", 2),)))
     step = 1e-6
     slopes = model.solve(AT, gradient=True).gradient.multipliers[:, 0]
     more, less = (model.solve(AT | {"F": 0.01 + sign * step}).forces() for sign in (1, -1))
@@ -240,16 +236,14 @@ def test_a_hyper_reduced_model_has_the_tool():
     training = hhr.train(driven, [9, 1, 1])
     model = training.build()
     for force in (0.0013, 0.007, 0.0197):
-        point = AT | {"F": force}
+        point = {"F": force, "slide": 0.0, "depth": 0.0}
         expected = training.full_order.solve(point).forces()
         assert model.solve(point).forces() == pytest.approx(expected, abs=1e-8 * expected.max())
 
 
 @needs("floating", "pages")
 def test_files_keep_a_driven_tool(tmp_path):
-    model = hhr.condense(
-        replace(turned(flat(), (1.6, 1.0)), outputs=(hhr.ToolMotion("turns", 2),))
-    )
+    model = hhr.condense(replace(turned(flat(), (1.6, 1.0)), outputs=(hhr.ToolMotion("turns", 2),)))
     hhr.save_model(tmp_path / "model.h5", model)
     found = hhr.load_model(tmp_path / "model.h5")
     assert found.outputs(AT)["turns"] == pytest.approx(model.outputs(AT)["turns"], rel=1e-12)
