@@ -109,6 +109,8 @@ from .plugins.local_models.splitting import Splitting as Splitting
 from .plugins.mfront.law import MFront as MFront
 from .plugins.mortar.pairing import Mortar as Mortar
 from .plugins.no_separation.pair_laws import NoSeparation as NoSeparation
+from .plugins.nodal_fields.field import NodalField as NodalField
+from .plugins.nodal_fields.modes import FieldModes as FieldModes
 from .plugins.nodal_loads.loads import NodalForce as NodalForce
 from .plugins.nodal_loads.loads import Nodes as Nodes
 from .plugins.nodal_loads.loads import Springs as Springs
