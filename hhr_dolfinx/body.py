@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import RANGES, Limits, check_formula
@@ -72,6 +72,8 @@ class Body(KnownArguments):
         >>> hhr.Body.of("seat", "steel", hhr.Units("mm", "MPa")).young
         210000.0
     """
+
+    by_place: ClassVar[bool] = True  #: whether places, such as Nodes, hold nodes of it
 
     tag: Tag
     young: float | str

@@ -400,7 +400,7 @@ class DisplacementAt(NamedOutput):
             raise SceneError(
                 f"output '{self.name}': the mesh has {dim} components, none is {self.component}"
             )
-        nodes = np.arange(len(problem.points)) if self.tag is None else probe.nodes(self.tag)
+        nodes = probe.discretisation.by_place if self.tag is None else probe.nodes(self.tag)
         points = probe.base.points[nodes]
         nearest = nodes[probe.at_place(self, points)]
         if nearest.size > 1:

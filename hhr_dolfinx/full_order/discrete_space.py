@@ -173,7 +173,7 @@ class DiscreteSpace(ABC):
             SceneError: for a tag that the mesh lacks, or a place without nodes.
         """
         if not isinstance(tag, int | str):
-            selected = np.unique(tag.nodes(self._points()))
+            selected = self.by_place[np.unique(tag.nodes(self._points()[self.by_place]))]
             if not selected.size:
                 raise SceneError(
                     f"{tag!r} of scene '{self.scene.name}' holds no node of its mesh: move or "
@@ -191,6 +191,20 @@ class DiscreteSpace(ABC):
             local = fem.locate_dofs_topological(self.space, self.mesh.topology.dim - 1, facets)
             owned = np.union1d(owned, local[local < self.space.dofmap.index_map.size_local])
         return np.unique(self.group.joined(owned + self.space.dofmap.index_map.local_range[0]))
+
+    @cached_property
+    def by_place(self) -> np.ndarray:
+        """Numbers of the nodes that places hold, (k,): all but those of bodies that they do not
+        name. Collective.
+        """
+        count = self.space.dofmap.index_map.size_global
+        hidden = [body.tag for body in self.scene.bodies if not body.by_place]
+        if not hidden:
+            return np.arange(count)
+        cells = np.concatenate([self.cells_of(tag) for tag in hidden])
+        local = np.unique(self.space.dofmap.list[cells]).astype(np.int32)
+        numbers = self.space.dofmap.index_map.local_to_global(local)
+        return np.setdiff1d(np.arange(count), self.group.joined(numbers))
 
     def _nodes_of_set(self, numbers: np.ndarray) -> np.ndarray:
         """Own nodes, (k,), for numbers of points of the file, on cells of first order with those

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from hhr_dolfinx.plugins.contact_heat.newton import (
-    BALANCED_STEP,
     CoupledContact,
     CoupledSolution,
     scales_of,
@@ -17,6 +16,10 @@ from hhr_dolfinx.plugins.contact_heat.newton import (
 
 KEPT_SETS = 64
 """Most sets of closed contacts whose responses are kept."""
+SETTLED_STEP = 1e-9
+"""Step over the size of the heat flows after which a solution is accepted: its error is about the
+square.
+"""
 SET_STEPS = 25
 """Most steps, changes of statuses included; two to six are usual along a history."""
 WRONG_SIGN = 1e-12
@@ -127,7 +130,7 @@ def solved_by_sets(
             return None
         flows = flows + step
         size = np.abs(step / widths).max() / max(np.abs(flows / widths).max(), 1e-300)
-        settled = size <= BALANCED_STEP
+        settled = size <= SETTLED_STEP
     return None
 
 
@@ -147,13 +150,14 @@ def _step(
     matrix = np.zeros((flows.size, flows.size))
     matrix[:m, :m] = through[:, None] * contact.compliance
     matrix[:m, m:] = -through[:, None] * contact.levels
-    closed = response.closed
-    by_pressure = np.where(forces[closed] > 0, of_pressure[closed] * jump[closed], 0.0)
-    matrix[closed] -= by_pressure[:, None] * response.forces[closed]
-    opened = np.flatnonzero(gaps > 0)
-    by_gap = contact.areas[opened] * of_gap[opened] * jump[opened]
-    matrix[opened] -= by_gap[:, None] * response.slack[opened]
-    matrix[np.arange(m), np.arange(m)] += 1.0
+    # rows of open contacts have no forces, and those of closed ones no slack
+    if of_pressure.any():
+        by_pressure = np.where(forces > 0, of_pressure * jump, 0.0)
+        matrix[:m] -= by_pressure[:, None] * response.forces
+    if of_gap.any() and gaps.any():
+        by_gap = np.where(gaps > 0, contact.areas * of_gap * jump, 0.0)
+        matrix[:m] -= by_gap[:, None] * response.slack
+    matrix.flat[: m * flows.size : flows.size + 1] += 1.0
     matrix[m:, :m] = contact.levels.T
     residual = np.concatenate(
         [flows[:m] - through * jump, contact.levels.T @ flows[:m] - contact.supplied]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
@@ -58,8 +58,10 @@ class HeatedModel:
         self._free_slack = eliminated.responses.free_slack
         self._equalities = eliminated.equalities
         self._amplitudes = eliminated.amplitudes
-        slopes = self._amplitudes.slopes[:, len(self.parameters.names) :]
-        self._per_heat = self._free_slack[:, : len(slopes)] @ slopes
+        count = len(self.parameters.names)
+        of_slack = self._free_slack[:, : len(self._amplitudes.slopes)] @ self._amplitudes.slopes
+        self._per_heat = of_slack[:, count:]
+        self._per_parameter = of_slack[:, :count]
         self._jumps = conduction.jumps @ conduction.temperatures
         self._compliance = conduction.jumps @ conduction.per_heat
         self._levels = conduction.jumps @ conduction.levels
@@ -92,10 +94,29 @@ class HeatedModel:
         """The point of the mechanical model without heat flows and levels, (P + m + b,)."""
         return np.concatenate([point, np.zeros(self._per_heat.shape[1])])
 
+    def _slack_without_flows(self, point: np.ndarray) -> np.ndarray:
+        """Slack without forces, heat flows and levels, (m,): amplitudes of a thousand of them are
+        zero, and none of these is not affine.
+        """
+        amplitudes = self._amplitudes
+        slack: np.ndarray = self._still + self._per_parameter @ point
+        whole = self._without_flows(point)
+        for first, amplitude in zip(amplitudes.firsts, amplitudes.nonaffine, strict=False):
+            columns, weights = amplitude(whole)
+            slack += self._free_slack[:, first + np.array(columns, dtype=int)] @ np.array(weights)
+        return slack
+
+    @cached_property
+    def _still(self) -> np.ndarray:
+        """Slack of affine amplitudes at the parameter zero, (m,)."""
+        constant = self._amplitudes.constant
+        still: np.ndarray = self._free_slack[:, : constant.size] @ constant
+        return still
+
     def _coupled(self, point: np.ndarray) -> CoupledContact:
         supplies = self.conduction.supplies(point)
         return CoupledContact(
-            slack=self._free_slack @ self._amplitudes(self._without_flows(point)),
+            slack=self._slack_without_flows(point),
             schur=self._schur,
             per_heat=self._per_heat,
             jump=self._jumps @ supplies,
@@ -161,7 +182,8 @@ class HeatedModel:
         for rows, formula, values in self._formulas(point, pressures, gaps):
             found[0, rows] = np.real(np.asarray(formula(values)))
             for place, name in enumerate((PRESSURE_NAME, GAP_NAME), start=1):
-                found[place, rows] = derivative(formula, values, name)
+                if name in formula.variables:
+                    found[place, rows] = derivative(formula, values, name)
         return found[0], found[1], found[2]
 
     def _formulas(
@@ -320,6 +342,24 @@ class HeatAnswer:
             return Outputs(flows, units)
         of_scene = self.mechanical.outputs()
         return Outputs(of_scene.values | flows, of_scene.units | units)
+
+
+def continued(answers: Sequence[HeatAnswer], *, levels: bool = True) -> np.ndarray:
+    """Heat flows and levels to start from after one or two answers: those of the last, continued
+    along a line where contacts stay as they are, (m + b,).
+
+    Args:
+        answers: one answer, or two, the last of which is a balance.
+        levels: False for heat flows alone, (m,).
+    """
+    first = answers[0].solution
+    last = answers[-1].solution
+    flows = [
+        np.concatenate([one.heat, one.levels]) if levels else one.heat for one in (first, last)
+    ]
+    if first.converged and np.array_equal(first.forces > 0, last.forces > 0):
+        return 2 * flows[1] - flows[0]
+    return flows[1]
 
 
 def derivative(formula: Formula, values: dict[str, Any], name: str) -> np.ndarray:

@@ -101,7 +101,7 @@ def condense_heat(scene: Scene, heat: Heat) -> HeatModel:
 
 
 def condense_transient_heat(
-    scene: Scene, heat: Heat, tolerance: float = STEP_TOLERANCE
+    scene: Scene, heat: Heat, tolerance: float = STEP_TOLERANCE, *, shortest: float = 0.0
 ) -> TransientHeatModel:
     """Build a model of contact and transient heat, without training: bodies warm in time, and
     displacement follows without inertia.
@@ -116,10 +116,12 @@ def condense_transient_heat(
         tolerance: error of what one step changes, over that change, see
             :attr:`TransientHeatModel.step_error`; 1e-6 at least. 0 keeps all modes, which are the
             full order model with the same steps, and takes memory for each of them and node.
+        shortest: shortest step of the histories; 0 for any. Modes that only shorter steps need are
+            left out, and a march of such steps warns.
 
     Raises:
-        SceneError: for unknown tags or names, a body without a capacity, or a tolerance that
-            is neither 0 nor between 1e-6 and 1.
+        SceneError: for unknown tags or names, a body without a capacity, a tolerance that is
+            neither 0 nor between 1e-6 and 1, or a shortest step that is negative.
         NotOfferedError: see :func:`condense_heat`.
 
     Warns:
@@ -150,8 +152,10 @@ def condense_transient_heat(
             f"the tolerance {tolerance!r} of a step must be between {FINEST_TOLERANCE:g} and 1, or "
             "0 for all modes"
         )
+    if not is_number(shortest) or shortest < 0:
+        raise SceneError(f"the shortest step {shortest!r} must be positive, or 0 for any length")
     prepared = _prepared(scene, heat, transient=True)
-    found = transient_heat(prepared.system, tolerance)
+    found = transient_heat(prepared.system, tolerance, shortest)
     if found.step_error > tolerance:
         warn(
             f"modes of scene '{scene.name}' miss {found.step_error:.1e} of what a step changes, "
@@ -166,6 +170,7 @@ def condense_transient_heat(
             found.drained,
             csc_matrix(prepared.system.capacity),
             found.step_error,
+            shortest if tolerance else 0.0,
         )
     )
     full = prepared.full

@@ -11,7 +11,7 @@ import numpy as np
 from hhr_dolfinx.errors import ConvergenceError, StabilityWarning
 from hhr_dolfinx.models.functionals.functional import Outputs
 from hhr_dolfinx.plugins.contact_heat.by_sets import SetResponses, solved
-from hhr_dolfinx.plugins.contact_heat.heated import HeatAnswer, HeatedModel
+from hhr_dolfinx.plugins.contact_heat.heated import HeatAnswer, HeatedModel, continued
 from hhr_dolfinx.plugins.contact_heat.newton import (
     CoupledContact,
     CoupledSolution,
@@ -129,9 +129,7 @@ class HeatModel(HeatedModel):
         for point in self.parameters.points(points):
             contact = self._coupled(point)
             if answers and answers[-1].converged:
-                before = answers[-1]
-                flows = np.concatenate([before.heat, before.levels])
-                found = self._solved(contact, before.forces(), flows)
+                found = self._solved(contact, answers[-1].forces(), continued(answers[-2:]))
                 if found.converged:
                     answers.append(self._answer(point, contact, found, several=False))
                     continue

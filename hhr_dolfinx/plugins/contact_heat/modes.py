@@ -44,7 +44,7 @@ class TransientHeat(NamedTuple):
     step_error: float  #: see :class:`hhr_dolfinx.plugins.contact_heat.parts.TransientParts`
 
 
-def transient_heat(system: HeatSystem, tolerance: float) -> TransientHeat:
+def transient_heat(system: HeatSystem, tolerance: float, shortest: float = 0.0) -> TransientHeat:
     """Temperatures of the balanced part of heat, and modes of the deviation from them.
 
     M T' + K T = f has T = T_s + sum of e_i phi_i with K T_s = f - c M 1, and e_i' + lambda_i e_i =
@@ -57,6 +57,7 @@ def transient_heat(system: HeatSystem, tolerance: float) -> TransientHeat:
     Args:
         system: heat of a scene, with its capacity.
         tolerance: see :func:`hhr_dolfinx.plugins.contact_heat.making.condense_transient_heat`.
+        shortest: likewise; 0 for steps of any length.
     """
     size, supplies = system.lifted.shape
     flows = system.jumps.shape[0]
@@ -65,7 +66,7 @@ def transient_heat(system: HeatSystem, tolerance: float) -> TransientHeat:
     for body in _bodies(system):
         steady, warming = body.steady()
         fields[body.nodes] = steady
-        found.append((body, warming, *body.modes(steady, tolerance)))
+        found.append((body, warming, *body.modes(steady, tolerance, shortest)))
     rates = np.concatenate([one.rates for _, _, one, _ in found])
     order = np.argsort(rates, kind="stable")
     shapes = np.zeros((size, rates.size))
@@ -165,12 +166,15 @@ class _HeatedBody:
         warming = (scale * solved[-1] + heat.sum(axis=0)) / self._capacity.sum()
         return solved[:-1], warming
 
-    def modes(self, steady: np.ndarray, tolerance: float) -> tuple[_DecayModes, float]:
+    def modes(
+        self, steady: np.ndarray, tolerance: float, shortest: float
+    ) -> tuple[_DecayModes, float]:
         """Modes, and the largest error of a step.
 
         Args:
             steady: steady temperatures, (k, f).
             tolerance: largest error of a step; 0 for all modes.
+            shortest: shortest step; 0 for any.
         """
         if not self._free.size:
             return _DecayModes(np.zeros((self.nodes.size, 0)), np.zeros(0)), 0.0
@@ -180,7 +184,7 @@ class _HeatedBody:
         level = np.ones((self._free.size, 1)) / np.sqrt(self._capacity.sum())
         least = KEPT_PART * tolerance
         basis = self._added(level[:, : int(self._has_level)], near, least)
-        lengths = self._lengths()
+        lengths = self._lengths(shortest)
         for length in lengths:
             basis = self._added(basis, self._steps(near, length).changes, least)
         for rounds in range(DENSER + 1):
@@ -228,12 +232,15 @@ class _HeatedBody:
         found[self._free] = shapes / shapes[np.abs(shapes).argmax(axis=0), np.arange(rates.size)]
         return _DecayModes(found, rates)
 
-    def _lengths(self) -> np.ndarray:
-        """Lengths of steps, from below the fastest decay of the mesh to above the slowest."""
+    def _lengths(self, shortest: float) -> np.ndarray:
+        """Lengths of steps, from the shortest one, or below the fastest decay of the mesh, to above
+        the slowest.
+        """
         diagonals = self._stiffness.diagonal() / self._capacity.diagonal()
         shift = SINGULAR_SHIFT * float(diagonals.mean())
         slowest = self._slowest(1 + int(self._has_level), shift)
-        ends = SHORTER / diagonals.max(), LONGER / max(slowest, shift)
+        longest = LONGER / max(slowest, shift)
+        ends = min(max(SHORTER / diagonals.max(), shortest), longest), longest
         decades = max(np.log10(ends[1] / ends[0]), 0.0)
         return np.geomspace(*ends, 2 + int(np.ceil(PER_DECADE * decades)))
 

@@ -86,3 +86,4 @@ class TransientParts(Rebuilt):
     #: supply, a heat flow or a warm body vanish, by the heat that they store in that body, at
     #: lengths of steps for which modes were not made; 0 with all modes
     step_error: float
+    shortest: float = 0.0  #: shortest step that modes were made for; 0 for any

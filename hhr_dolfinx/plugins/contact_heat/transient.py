@@ -17,7 +17,7 @@ from hhr_dolfinx.errors import ConvergenceError, OutsideTrainingWarning, Paramet
 from hhr_dolfinx.models.functionals.functional import Outputs
 from hhr_dolfinx.parameters import PointLike, is_number
 from hhr_dolfinx.plugins.contact_heat.by_sets import SetResponses, solved
-from hhr_dolfinx.plugins.contact_heat.heated import HeatAnswer, HeatedModel
+from hhr_dolfinx.plugins.contact_heat.heated import HeatAnswer, HeatedModel, continued
 from hhr_dolfinx.plugins.contact_heat.newton import (
     CoupledContact,
     CoupledSolution,
@@ -39,6 +39,8 @@ STEADY_STEP = 1e6
 """Length of a step over the slowest decay from which steady heat is what is meant."""
 UNIFORM_START = 1e-10
 """Part of the temperatures at the start that is no deviation from those of warm bodies."""
+SAME_LENGTH = 1e-6
+"""Part by which a step may be shorter than the shortest one without a word."""
 KEPT_STEPS = 8
 """Most lengths of steps whose matrices are kept."""
 
@@ -146,11 +148,13 @@ class TransientHeatModel(HeatedModel):
         """Answer and length of each step."""
         ends = _times(times)
         checked = self._points(points, ends.size)
+        self._warn_of_short(np.diff(ends, prepend=0.0))
         amplitudes = self._starting(start)
-        last: HeatAnswer | None = None
+        before: tuple[HeatAnswer, ...] = ()
         lengths = np.diff(ends, prepend=0.0)
         for number, (point, length) in enumerate(zip(checked, lengths, strict=True)):
-            last = self._stepped(point, float(length), amplitudes, last)
+            last = self._stepped(point, float(length), amplitudes, before)
+            before = (*before[-1:], last)
             if raise_on_failure and not last.converged:
                 raise ConvergenceError(
                     f"contact and heat find no balance at time {ends[number]:g}, at "
@@ -160,6 +164,17 @@ class TransientHeatModel(HeatedModel):
             supplies = self.conduction.supplies(point)
             amplitudes = last.levels + self._given @ supplies - self._flowing @ last.heat
             yield last, float(length)
+
+    def _warn_of_short(self, lengths: np.ndarray) -> None:
+        """Warn of steps that are shorter than those that modes were made for."""
+        shortest = self.transient.shortest
+        if lengths.min() < (1 - SAME_LENGTH) * shortest:
+            warn(
+                f"a step of {lengths.min():g} is shorter than {shortest:g}, the shortest that the "
+                "modes of this model were made for, and its error is not known: make them with "
+                "condense_transient_heat(..., shortest=...)",
+                OutsideTrainingWarning,
+            )
 
     def _advice(self, length: float) -> str:
         """Advice where a step of this length finds no balance."""
@@ -265,14 +280,20 @@ class TransientHeatModel(HeatedModel):
             )
 
     def _stepped(
-        self, point: np.ndarray, length: float, amplitudes: np.ndarray, last: HeatAnswer | None
+        self,
+        point: np.ndarray,
+        length: float,
+        amplitudes: np.ndarray,
+        before: Sequence[HeatAnswer],
     ) -> HeatAnswer:
-        """Answer after a step from the amplitudes of temperatures before, (r,)."""
+        """Answer after a step from the amplitudes of temperatures before, (r,), and the last two
+        answers, or fewer.
+        """
         step = self._step(length)
         whole = self._coupled(point)
         supplies = self.conduction.supplies(point)
         kept = step.weights * (amplitudes + self._warming(length) @ supplies)
-        found = self._found(self._of_step(whole, step, kept), step, last)
+        found = self._found(self._of_step(whole, step, kept), step, before)
         if not found.converged:
             found = _lost(self.conditions)
         levels = kept + step.per_flow @ found.heat
@@ -301,16 +322,18 @@ class TransientHeatModel(HeatedModel):
         )
 
     def _found(
-        self, contact: CoupledContact, step: _HeatStep, last: HeatAnswer | None
+        self, contact: CoupledContact, step: _HeatStep, before: Sequence[HeatAnswer]
     ) -> CoupledSolution:
-        """Balance from that of the step before, or else from contact without heat, or else by gaps
-        that conduct less and less.
+        """Balance from those of the steps before, or else from contact without heat, or else by
+        gaps that conduct less and less.
         """
         nothing = np.zeros(self.conditions)
-        if last is not None:
+        if before:
+            last = before[-1]
             if not last.converged:
                 return _lost(self.conditions)
-            found = solved(contact, last.forces(), last.heat, step.responses)
+            flows = continued(before, levels=False)
+            found = solved(contact, last.forces(), flows, step.responses)
             if found.converged:
                 return found
         forces = self._without_heat(contact.slack)

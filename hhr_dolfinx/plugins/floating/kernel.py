@@ -181,7 +181,8 @@ class RigidKernel:
         _check_idle(bodies, problem, idle)
         pins = linalg.qr(motions.T * problem.free, mode="r", pivoting=True)[1][: motions.shape[1]]
         rigid = motions @ _by_body(effect, ways[unresisted], owner)
-        round_ = _round_turns(bodies, problem, rigid)
+        tools = [getattr(pair, "same_everywhere", False) for pair in scene.contacts]
+        round_ = _round_turns(bodies, problem, rigid, np.array(tools, dtype=bool))
         if round_.any():
             idle = np.hstack([idle, rigid[:, round_]])
             rigid = rigid[:, ~round_]
@@ -351,7 +352,7 @@ class RigidKernel:
 
 
 def _round_turns(
-    found: Sequence[FreeBody], problem: ContactProblem, rigid: np.ndarray
+    found: Sequence[FreeBody], problem: ContactProblem, rigid: np.ndarray, tools: np.ndarray
 ) -> np.ndarray:
     """Mask of the rotations, of (N, r), that only the facets of round surfaces resist, (r,) bool.
 
@@ -360,8 +361,13 @@ def _round_turns(
     A large rotation of this kind opens every gap, unlike that of a round body. Without loads these
     rotations are set to zero, and the moment of the facets' normals is distributed over the body.
     It also warns of loads along the axis of a cylinder, whose facets are not quite parallel to it.
+    Pairs of tools, a mask (pairs,), have the normals of the tool, and no facets.
     """
-    effects = np.linalg.norm(problem.contact @ rigid, axis=0)
+    acting = problem.contact @ rigid
+    effects = np.linalg.norm(acting, axis=0)
+    pairs = problem.contact_pairs
+    by_facets = np.ones(len(acting), dtype=bool) if pairs is None else ~tools[pairs]
+    of_tools = np.linalg.norm(acting[by_facets], axis=0) <= ALMOST_NONE * effects.max(initial=0.0)
     # motions along which loads do work beyond the discretisation error of a round body
     driven = _driven(problem, rigid, UNEVEN * np.abs(rigid))
     found_round = np.zeros(rigid.shape[1], dtype=bool)
@@ -371,9 +377,8 @@ def _round_turns(
         for index in indices:
             motion = fields[:, :, index]
             turning = np.abs(motion - motion.mean(axis=0)).max() > 0.5 * np.abs(motion).max()
-            if effects[index] >= ROUND_SURFACE_EFFECT * effects[indices].max() or not (
-                turning or driven[index]
-            ):
+            certain = effects[index] >= ROUND_SURFACE_EFFECT * effects[indices].max()
+            if certain or of_tools[index] or not (turning or driven[index]):
                 continue
             found_round[index] = turning and not driven[index]
             consequence = (

@@ -15,7 +15,7 @@ from hhr_dolfinx.errors import SceneError
 if TYPE_CHECKING:
     from ufl.core.expr import Expr
 
-SAME_NODE = 1e-6
+ONE_OF_POINTS = 1e-6
 """Distance over the size of the points up to which a node is one of them."""
 BEYOND_MESH = 0.05
 """Part of its size by which points may lie outside the box around a mesh."""
@@ -71,7 +71,7 @@ class NodalField(KnownArguments):
         size = np.ptp(self.points, axis=0).max() or 1.0
         distance, nearest = cKDTree(self.points).query(places)
         values: np.ndarray = self.values[nearest]
-        others = distance > SAME_NODE * size
+        others = distance > ONE_OF_POINTS * size
         if others.any() and len(self.points) > self.points.shape[1]:
             between = LinearNDInterpolator(self.points, self.values)(places[others])
             beyond = np.isnan(between)
@@ -118,7 +118,7 @@ class NodalField(KnownArguments):
         beyond = ((self.points < lower - margin) | (self.points > upper + margin)).any(axis=1)
         low = self.points.min(axis=0)
         high = self.points.max(axis=0)
-        slack = SAME_NODE * (high - low).max()
+        slack = ONE_OF_POINTS * (high - low).max()
         inside = ((places >= low - slack) & (places <= high + slack)).all(axis=1)
         if beyond.any() or comm.allreduce(int(inside.sum())) < FEWEST_NODES:
             raise SceneError(

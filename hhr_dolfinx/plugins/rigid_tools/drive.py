@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import as_tuple, is_number, is_whole
@@ -12,6 +12,13 @@ from hhr_dolfinx.plugins.constraints.couplings import CoupledForce, MeanMotion, 
 from hhr_dolfinx.plugins.rigid_tools.mesh import ToolMesh
 from hhr_dolfinx.plugins.rigid_tools.pairing import OnTool
 from hhr_dolfinx.scene import Body, Scene
+
+
+class ToolBody(Body):
+    """The cell of a tool, whose nodes places such as ``hhr.Nodes`` do not hold."""
+
+    by_place: ClassVar[bool] = False
+
 
 MODULUS = 1.0
 """Young's modulus of the cell of a tool, which moves as a rigid body and has no strain."""
@@ -64,9 +71,13 @@ def drive(
         >>> float(hhr.condense(driven).solve({"push": 50.0}).forces().sum().round(9))
         50.0
     """
-    numbers = (contacts,) if is_whole(contacts, 0) else tuple(contacts)  # type: ignore[arg-type]
+    if not isinstance(scene, Scene):
+        raise SceneError(f"{type(scene).__name__} is no Scene: hhr.drive takes the scene itself")
     if not isinstance(name, str) or not name:
         raise SceneError(f"name = {name!r} of a tool must be a text")
+    if name in [body.tag for body in scene.bodies]:
+        raise SceneError(f"scene '{scene.name}' has a body '{name}': give the tool another name")
+    numbers = _numbers(contacts)
     if scene.system is not None:
         raise SceneError(
             f"scene '{scene.name}' has a user-defined system, which states K of all dofs, and "
@@ -74,11 +85,16 @@ def drive(
         )
     for number in numbers:
         _check_obstacle(scene, number)
-    point = as_tuple(f"the reference point of tool '{name}'", at)
+    for given in (force, motion):
+        if given is not None and not isinstance(given, Mapping):
+            raise SceneError(
+                f"forces and motions of a tool are by component, {{1: '-F'}}: {given!r}"
+            )
+    point = as_tuple(f"the reference point of tool '{name}'", () if at is None else at)
     if len(point) not in (2, 3) or not all(map(is_number, point)):
         raise SceneError(f"the reference point {at!r} of tool '{name}' must be 2 or 3 coordinates")
     axisymmetric = scene.hypothesis == "axisymmetric"
-    components = _components(scene.hypothesis, len(point))
+    components = components_of(scene.hypothesis, len(point))
     forces = dict(force or {})
     motions = dict(motion or {})
     _check_components(name, forces, motions, components)
@@ -96,7 +112,7 @@ def drive(
     return replace(
         scene,
         geometry=ToolMesh(scene.geometry, point, name, axisymmetric),
-        bodies=(*scene.bodies, Body(name, MODULUS, 0.0)),
+        bodies=(*scene.bodies, ToolBody(name, MODULUS, 0.0)),
         contacts=tuple(
             OnTool.of(contact, name) if number in numbers else contact
             for number, contact in enumerate(scene.contacts)
@@ -106,11 +122,24 @@ def drive(
     )
 
 
-def _components(hypothesis: str, dim: int) -> tuple[int, ...]:
-    """Components of the motion of a tool."""
+def components_of(hypothesis: str, dim: int) -> tuple[int, ...]:
+    """Components of the motion of a tool.
+
+    Args:
+        hypothesis: hypothesis of the scene.
+        dim: dimension of the mesh.
+    """
     if hypothesis == "axisymmetric":
         return (1,)
     return tuple(range(3 if dim == 2 else 6))
+
+
+def _numbers(contacts: Any) -> tuple[Any, ...]:
+    """Contacts of a tool."""
+    numbers = (contacts,) if not isinstance(contacts, Sequence) else tuple(contacts)
+    if not numbers:
+        raise SceneError("a tool needs a contact or several, by their numbers in the scene")
+    return numbers
 
 
 def _check_obstacle(scene: Scene, number: Any) -> None:
@@ -121,6 +150,11 @@ def _check_obstacle(scene: Scene, number: Any) -> None:
             "counted from 0"
         )
     contact = scene.contacts[number]
+    if isinstance(contact, OnTool):
+        raise SceneError(
+            f"contact {number} of scene '{scene.name}' is that of tool '{contact.tool}' already: "
+            "name its forces and motions together"
+        )
     if len(contact.tags) != 1:
         raise SceneError(
             f"contact {number} of scene '{scene.name}' is a {type(contact).__name__} of "
@@ -134,7 +168,7 @@ def _check_components(
 ) -> None:
     """Raise SceneError for components that do not exist or are named twice, and for none."""
     for component in (*forces, *motions):
-        if component not in known:
+        if not is_whole(component, 0) or component not in known:
             raise SceneError(
                 f"component {component!r} of tool '{name}' does not exist: name one of {known}"
             )

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.geometries.partition import shares
 
-if TYPE_CHECKING:
-    from mpi4py.MPI import Comm
-
+UNNAMED = 1_000_000_000
+"""Tags of tools are larger, so that a mistyped one of the mesh is not that of a tool."""
 CELL_SIZE = 0.1
 """Size of the cell of a tool over that of the mesh: large enough for its turns, small in
 pictures.
@@ -28,12 +28,12 @@ class ToolMesh:
     Its body and its surface have the name of the tool.
     """
 
-    geometry: Callable[[Comm], Any]  #: geometry of a scene
+    geometry: Callable[[MPI.Comm], Any]  #: geometry of a scene
     at: tuple[float, ...]  #: the reference point, (dim,), in the middle of the cell
     name: str
     axisymmetric: bool = False  #: the cell stays at positive radii
 
-    def __call__(self, comm: Comm) -> compat.NamedMesh:
+    def __call__(self, comm: MPI.Comm) -> compat.NamedMesh:
         """Mesh of both.
 
         Args:
@@ -51,14 +51,16 @@ class ToolMesh:
             )
         groups: Any = getattr(given, "physical_groups", None) or []
         groups = list(groups.items() if isinstance(groups, dict) else groups)
-        if any(name == self.name for name, _ in groups):
-            raise SceneError(f"the mesh has a group '{self.name}': give the tool another name")
+        sets: Any = getattr(given, "nodes", None) or {}
+        if self.name in sets or any(name == self.name for name, _ in groups):
+            raise SceneError(
+                f"the mesh has a group or set '{self.name}': give the tool another name, name=..."
+            )
         kind = mesh.topology.cell_name()
         points, cells = _gathered(mesh, comm)
         entities = [_tagged(mesh, part, comm) for part in tags]
-        numbers = [
-            comm.allreduce(int(part.values.max(initial=0)), op=_largest()) + 1 for part in tags
-        ]
+        present = (int(part.values.max(initial=UNNAMED)) for part in tags)
+        numbers = [comm.allreduce(largest, op=MPI.MAX) + 1 for largest in present]
         if comm.rank == 0:
             first = len(points)
             added = self._cell(points, kind, compat.degree_of(mesh))
@@ -109,12 +111,6 @@ def _parts(given: Any) -> tuple[Any, Any, Any]:
     return given.mesh, given.cell_tags, given.facet_tags
 
 
-def _largest() -> Any:
-    from mpi4py import MPI
-
-    return MPI.MAX
-
-
 def _corners(kind: str) -> int:
     """Number of corners of a cell."""
     return len(compat.nodes_of_cell(kind, 1))
@@ -126,7 +122,7 @@ def _facets(kind: str) -> list[list[int]]:
     return edges if kind in ("triangle", "quadrilateral") else faces
 
 
-def _gathered(mesh: Any, comm: Comm) -> tuple[np.ndarray, np.ndarray]:
+def _gathered(mesh: Any, comm: MPI.Comm) -> tuple[np.ndarray, np.ndarray]:
     """Points, (n, dim), in the order in which the mesh was made, and cells, on the first rank;
     empty elsewhere.
     """
@@ -146,8 +142,10 @@ def _gathered(mesh: Any, comm: Comm) -> tuple[np.ndarray, np.ndarray]:
     return points, np.concatenate(own_cells)
 
 
-def _tagged(mesh: Any, tags: Any, comm: Comm) -> tuple[np.ndarray, np.ndarray]:
+def _tagged(mesh: Any, tags: Any, comm: MPI.Comm) -> tuple[np.ndarray, np.ndarray]:
     """Corners of tagged entities, (n, k), and their tags, on the first rank; empty elsewhere."""
+    kind = mesh.topology.cell_name()
+    width = _corners(kind) if tags.dim == mesh.topology.dim else len(_facets(kind)[0])
     from dolfinx.mesh import entities_to_geometry
 
     topology = mesh.topology
@@ -155,7 +153,8 @@ def _tagged(mesh: Any, tags: Any, comm: Comm) -> tuple[np.ndarray, np.ndarray]:
     topology.create_connectivity(topology.dim, tags.dim)
     here = tags.indices < topology.index_map(tags.dim).size_local
     local = entities_to_geometry(mesh, tags.dim, tags.indices[here])
-    corners = mesh.geometry.input_global_indices[local.reshape(-1, local.shape[-1])]
+    # those of second order have their corners first
+    corners = mesh.geometry.input_global_indices[local.reshape(here.sum(), -1)[:, :width]]
     found = comm.gather((corners, tags.values[here]))
     if found is None:
         return corners[:0], tags.values[:0]

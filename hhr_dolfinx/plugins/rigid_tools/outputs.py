@@ -13,6 +13,7 @@ from hhr_dolfinx.models.functionals.kinds import Linear
 from hhr_dolfinx.outputs import ModelProbe, NamedOutput
 from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.plugins.constraints.couplings import CoupledForce
+from hhr_dolfinx.plugins.rigid_tools.drive import components_of
 from hhr_dolfinx.plugins.rigid_tools.mesh import tools_of
 
 
@@ -44,9 +45,10 @@ class ToolMotion(NamedOutput):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not is_whole(self.component, 0):
+        if not is_whole(self.component, 0) or not isinstance(self.tool, str):
             raise SceneError(
-                f"output '{self.name}': the component {self.component!r} must be a number from 0"
+                f"output '{self.name}': the component {self.component!r} must be a number from 0, "
+                f"and the tool {self.tool!r} a name"
             )
 
     def prepared(self, probe: ModelProbe) -> Functional:
@@ -65,6 +67,12 @@ class ToolMotion(NamedOutput):
             raise SceneError(
                 f"output '{self.name}': the scene has no tool '{self.tool}', but {has}: name one "
                 "that hhr.drive has made"
+            )
+        components = components_of(probe.scene.hypothesis, probe.dimension)
+        if self.component not in components:
+            raise SceneError(
+                f"output '{self.name}': component {self.component} of tool '{self.tool}' does not "
+                f"exist: name one of {components}"
             )
         point = None if probe.scene.hypothesis == "axisymmetric" else known[self.tool]
         unit_force = CoupledForce(self.tool, self.component, Amplitude(1.0), point)

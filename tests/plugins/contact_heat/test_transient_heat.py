@@ -67,6 +67,26 @@ def test_few_modes_are_near_all_of_them_and_say_how_near():
     assert counts == sorted(counts) and counts[-1] < 0.6 * whole.rates.size
 
 
+def test_modes_that_only_shorter_steps_need_are_left_out(tmp_path):
+    """Histories of longer steps are as near; shorter ones warn, from a file too."""
+    times = np.array([0.1, 0.3, 0.5, 0.9, 2.0])
+    whole, some = (
+        hhr.condense_transient_heat(blocks(cells=12), heat(), shortest=length)
+        for length in (0.0, 0.1)
+    )
+    assert some.rates.size < 0.6 * whole.rates.size and some.step_error <= 1e-3
+    expected, found = (
+        np.array([one.temperature() for one in model.march(PATH, times, start=12.0)])
+        for model in (whole, some)
+    )
+    assert np.abs(found - expected).max() < 2e-3 * 150.0
+    hhr.save_heat_model(tmp_path / "model.npz", some)
+    with pytest.warns(OutsideTrainingWarning, match="a step of 0.02 is shorter than 0.1"):
+        hhr.load_heat_model(tmp_path / "model.npz").march(PATH[:1], [0.02], start=12.0)
+    with pytest.raises(SceneError, match="the shortest step -1"):
+        hhr.condense_transient_heat(blocks(), heat(), shortest=-1)
+
+
 @pytest.mark.parametrize(
     "more",
     [

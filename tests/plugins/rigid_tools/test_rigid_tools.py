@@ -310,7 +310,7 @@ def test_the_mesh_of_a_file_keeps_its_names(tmp_path):
     driven = full(hhr.drive(scene, 0, at=(1.0, 1.0), motion={1: "-depth"}, name="punch"))
     expected = full(lowered(scene)).solve(AT).forces()
     assert driven.solve(AT).forces() == pytest.approx(expected, rel=1e-11)
-    with pytest.raises(SceneError, match="has a group 'foot'"):
+    with pytest.raises(SceneError, match="has a group or set 'foot'"):
         full(hhr.drive(scene, 0, at=(1.0, 1.0), motion={1: "-depth"}, name="foot"))
 
 
@@ -325,6 +325,12 @@ def test_the_mesh_of_a_file_keeps_its_names(tmp_path):
         ({}, "no force and no motion"),
         ({"force": {1: "-F"}, "name": ""}, "must be a text"),
         ({"force": {1: "-X"}}, "X"),
+        ({"contacts": None, "force": {1: "-F"}}, "contact None is not among"),
+        ({"contacts": (), "force": {1: "-F"}}, "needs a contact"),
+        ({"contacts": -1, "force": {1: "-F"}}, "contact -1 is not among"),
+        ({"force": [0.0, "-F"]}, "by component"),
+        ({"force": {1.0: "-F"}}, "component 1.0 .* does not exist"),
+        ({"at": None, "force": {1: "-F"}}, "must be 2 or 3 coordinates"),
     ],
 )
 def test_mistakes_are_named(arguments, words):
@@ -350,3 +356,119 @@ def test_an_output_of_a_tool_that_is_not_there_is_named():
     driven = hhr.drive(flat(), 0, at=(1.0, 1.0), motion={1: "-depth"})
     with pytest.raises(SceneError, match="no tool 'punch', but tool"):
         full(replace(driven, outputs=(output,)))
+
+
+@needs("floating", "obstacles")
+def test_a_small_tool_on_a_long_body_may_turn():
+    """Its turn has a hundredth of the effect of its pressing: no body of facets that spins, which
+    would be held.
+    """
+    middle, width = 6.0, 0.1
+    line = np.array([(middle - width / 2, 1.0), (middle + width / 2, 1.0)])
+    scene = block_scene(
+        "strip",
+        BOX,
+        upper=(10.0, 1.0),
+        cells=(400, 4),
+        contacts=(hhr.Profile(TOP, curve=line, smooth=False),),
+        displacements=hhr.Displacement.clamp(block.side(0, upper=False), 2),
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=".* lie beyond the end of the Profile")
+        warnings.filterwarnings("ignore", message="parameters .* have no effect")
+        model = full(hhr.drive(scene, 0, at=(middle, 1.0), force={1: "-1e-5 * F", 2: 0.0}))
+    forces = model.solve(AT).forces()
+    arms = model.problem.contact_points[:, 0] - middle
+    assert forces.sum() == pytest.approx(1e-7, rel=1e-9)
+    assert forces @ arms == pytest.approx(0.0, abs=1e-9 * 1e-7)
+    assert (forces > 0).sum() == 5
+
+
+@needs("floating")
+@pytest.mark.parametrize("at", [(0.5, 0.5, 1.0), (3.0, -2.0, 4.0), (300.0, -200.0, 400.0)])
+def test_moments_refer_to_the_reference_point(at):
+    """A force at a place, by its moments about points over the contact, beside it, and far off."""
+    scene = block_scene(
+        "cube",
+        BOX,
+        lower=(0, 0, 0),
+        upper=(1, 1, 1),
+        cells=(5, 4, 3),
+        hypothesis="solid",
+        contacts=(hhr.Obstacle(block.side(2, upper=True), normal=(0, 0, 1), offset=1.0),),
+        displacements=hhr.Displacement.clamp(block.side(2, upper=False), 3),
+    )
+    place = 0.8, 0.7
+    moments = {3: f"{at[1] - place[1]!r} * F", 4: f"{place[0] - at[0]!r} * F"}
+    model = full(hhr.drive(scene, 0, at=at, force={2: "-F"} | moments))
+    forces = model.solve(AT).forces()
+    centre = forces @ model.problem.contact_points[:, :2] / forces.sum()
+    assert centre == pytest.approx(place, abs=1e-9 * max(1.0, abs(at[0])))
+
+
+@needs("floating", "nodal_loads")
+def test_places_do_not_hold_the_cell_of_a_tool():
+    """A half model, whose tool is on the plane of symmetry; and an output near the tool."""
+    symmetry = hhr.Nodes(lambda x: x[0] < 1e-6)
+    by_tag, by_place = (
+        replace(flat(), displacements=(*flat().displacements, hhr.Displacement(place, 0)))
+        for place in (block.side(0, upper=False), symmetry)
+    )
+    sag = hhr.DisplacementAt("sag", (0.05, 0.95), 1)
+    driven = [
+        hhr.drive(replace(scene, outputs=(sag,)), 0, at=(0.0, 1.0), force={1: "-F", 2: "-F"})
+        for scene in (by_tag, by_place)
+    ]
+    expected, found = (full(scene).solve(AT) for scene in driven)
+    assert found.forces() == pytest.approx(expected.forces(), rel=1e-12, abs=1e-15)
+    arms = full(flat()).problem.contact_points[:, 0]
+    assert found.forces() @ arms == pytest.approx(0.01, rel=1e-9)
+    assert found.outputs()["sag"] == expected.outputs()["sag"] < 0
+
+
+@pytest.mark.parametrize("quadrilaterals", [False, True])
+def test_the_mesh_of_a_file_may_be_of_second_order(tmp_path, quadrilaterals):
+    import gmsh
+
+    pytest.importorskip("hhr_dolfinx.plugins.second_order")
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.occ.addRectangle(0, 0, 0, 2, 1)
+    gmsh.model.occ.synchronize()
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 0.3)
+    gmsh.option.setNumber("Mesh.RecombineAll", int(quadrilaterals))
+    gmsh.option.setNumber("Mesh.SubdivisionAlgorithm", int(quadrilaterals))
+    gmsh.model.addPhysicalGroup(2, [1], 1, "solid")
+    gmsh.model.addPhysicalGroup(1, [1], 2, "foot")
+    gmsh.model.addPhysicalGroup(1, [3], 3, "top")
+    gmsh.model.mesh.generate(2)
+    gmsh.model.mesh.setOrder(2)
+    gmsh.write(str(tmp_path / "block.msh"))
+    gmsh.finalize()
+    scene = replace(
+        flat(),
+        geometry=hhr.MeshFile(tmp_path / "block.msh"),
+        bodies=(hhr.Body("solid", 1.0, 0.3),),
+        contacts=(hhr.Obstacle("top", normal=(0, 1), offset=1.0),),
+        displacements=hhr.Displacement.clamp("foot", 2),
+    )
+    found = full(hhr.drive(scene, 0, at=(1.0, 1.0), motion={1: "-depth"})).solve(AT).forces()
+    expected = full(lowered(scene)).solve(AT).forces()
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-12 * expected.max())
+
+
+def test_tags_of_a_tool_are_no_tags_of_the_mesh():
+    """A mistyped tag is named as in the scene at rest."""
+    driven = hhr.drive(flat(), 0, at=(1.0, 1.0), motion={1: "-depth"})
+    mistyped = (*driven.displacements, hhr.Displacement(22, 1))
+    with pytest.raises(SceneError, match="22"):
+        full(replace(driven, displacements=mistyped))
+
+
+def test_a_tool_is_driven_once():
+    driven = hhr.drive(flat(), 0, at=(1.0, 1.0), motion={1: "-depth"})
+    with pytest.raises(SceneError, match="of tool 'tool' already"):
+        hhr.drive(driven, 0, at=(1.0, 1.0), motion={0: "slide"}, name="other")
+    with pytest.raises(SceneError, match="has a body 'tool'"):
+        hhr.drive(driven, 0, at=(1.0, 1.0), motion={0: "slide"})
