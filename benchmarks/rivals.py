@@ -332,8 +332,15 @@ def _known(folder: Path) -> dict[str, Any]:
     file = folder / "report.json"
     if not file.exists():
         return {}
-    known: dict[str, Any] = json.loads(file.read_text(encoding="utf-8")).get("rivals", {})
+    text = file.read_text(encoding="utf-8")
+    # JSON has no infinite errors, those of answers that are missing
+    known: dict[str, Any] = json.loads(text, object_hook=_infinite).get("rivals", {})
     return known
+
+
+def _infinite(values: dict[str, Any]) -> dict[str, Any]:
+    """Values by name with infinite ones for null."""
+    return {name: np.inf if value is None else value for name, value in values.items()}
 
 
 if __name__ == "__main__":
