@@ -299,7 +299,8 @@ def _pairs(
         along = motion - (motion @ normal) * normal
         if friction and along.any():
             yield zone.left(
-                "a rigid plane that moves along the body does not drag it: move the body instead"
+                "a rigid plane that moves along the body does not drag it here: hhr.drive(scene, "
+                "CONTACT, at=.., motion={..}) does"
             )
         pair = parts.on_plane(deformable, point, normal, friction or 0.0, zone.source)
         yield replace(pair, gap=float(motion @ parts.towards(deformable, normal)))

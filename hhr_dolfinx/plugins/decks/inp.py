@@ -27,7 +27,7 @@ from hhr_dolfinx.plugins.decks.deck import (
     Support,
     Tag,
 )
-from hhr_dolfinx.plugins.decks.inp_contacts import is_tool, pairs_of
+from hhr_dolfinx.plugins.decks.inp_contacts import is_tool, pairs_of, without_driving
 from hhr_dolfinx.plugins.decks.inp_couplings import coupled_of
 from hhr_dolfinx.plugins.decks.inp_equations import equations_of
 from hhr_dolfinx.plugins.decks.inp_gaps import gaps_of
@@ -130,6 +130,7 @@ class _DeckParts:
             for imposed in acting
             if not grounds or not set(nodes.numbers(imposed.row[0])) <= grounds
         ]
+        acting = without_driving(blocks, acting, parts, nodes, self.thickness, todo)
         acting, constraints, forces = self._constrained(acting, todo)
         constraints += ties_of(blocks, parts, todo)
         materials = {section.tag: section.material for section in self.sections}

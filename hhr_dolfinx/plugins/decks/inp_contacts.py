@@ -161,8 +161,8 @@ def _clears(clearance: KeywordBlock, pair: KeywordBlock, names: Sequence[str]) -
 def _dragging(block: KeywordBlock, friction: float, motion: np.ndarray) -> list[Left]:
     """The motion of a rigid surface with friction along itself, which is lost."""
     reason = (
-        "a rigid surface that moves along the body does not drag it by friction: move the body "
-        "instead"
+        "a rigid surface that moves along the body does not drag it by friction here: hhr.drive("
+        "scene, CONTACT, at=.., motion={..}) does"
     )
     return [block.left(reason)] if friction and motion.any() else []
 
@@ -241,6 +241,52 @@ def is_tool(block: KeywordBlock, parts: NamedParts) -> bool:
         parts: bodies, surfaces and sets of the mesh.
     """
     return "NSET" not in block.options and parts.body(block.word("ELSET")) is None
+
+
+def without_driving(
+    blocks: Sequence[KeywordBlock],
+    acting: Sequence[Imposed],
+    parts: NamedParts,
+    nodes: DeckNodes,
+    thickness: float,
+    todo: list[Left],
+) -> list[Imposed]:
+    """Rows without forces on rigid surfaces, which become TODO lines with the tool to paste.
+
+    Args:
+        blocks: keyword blocks of the deck.
+        acting: rows of supports and loads that act.
+        parts: bodies, surfaces and sets of the mesh.
+        nodes: nodes of the deck by number.
+        thickness: thickness of plane bodies, a length; forces are divided by it.
+        todo: list to which TODO lines are appended.
+    """
+    dim = parts.raw.dim
+    rest = list(acting)
+    for block in of_kind(blocks, "RIGID BODY"):
+        reference = block.word("REF NODE")
+        if not is_tool(block, parts) or not reference.isdigit():
+            continue
+        forces = {
+            3 * dim - 4 if dim == 2 and row.component == 5 else row.component: row.factor
+            / thickness
+            for row in rest
+            if row.block.keyword == "CLOAD" and row.row[0].upper() == reference and row.factor
+        }
+        if not forces:
+            continue
+        rest = [
+            row for row in rest if row.block.keyword != "CLOAD" or row.row[0].upper() != reference
+        ]
+        point = tuple(nodes.point(int(reference))[:dim].tolist())
+        todo.append(
+            block.left(
+                "a force on its reference node drives it. In the place of a motion of its obstacle "
+                f"write scene = hhr.drive(scene, CONTACT, at={point}, force={forces}) below the "
+                "scene, with the number of its contact, and motion={..} of moved components"
+            )
+        )
+    return rest
 
 
 def _rigid(

@@ -698,6 +698,21 @@ def test_a_body_in_a_hole_beside_a_larger_one(tmp_path):
     assert output.count("TODO") == 1 and "does not drag it by friction" in output
 
 
+@needs("rigid_tools", "floating")
+def test_a_force_on_a_rigid_surface_is_a_line_to_paste(tmp_path):
+    """It names the reference point, and force and moment by component."""
+    deck = bar("*CLOAD\n900, 1, -4.\n900, 5, 2.").replace(
+        "*STEP",
+        "*NODE\n900, 10., .5, .5\n*SURFACE, TYPE=CYLINDER, NAME=TOOL\n"
+        "10., -1., 0., 10., 2., 0.\n10., -1., 1.\nSTART, 0., 0.\nLINE, 3., 0.\n"
+        "*RIGID BODY, ANALYTICAL SURFACE=TOOL, REF NODE=900\n*STEP",
+        1,
+    )
+    _, output = started(tmp_path, deck)
+    assert "a force on its reference node drives it" in output
+    assert "at=(10.0, 0.5, 0.5), force={0: -4.0, 4: 2.0})" in output
+
+
 def test_a_rigid_element_without_its_nodes(tmp_path):
     """The node that is missing is named."""
     tool = "*NODE\n900, 0., 0., 3.\n*ELEMENT, TYPE=R3D4, ELSET=TOOL\n800, 900, 901, 902, 903\n"
