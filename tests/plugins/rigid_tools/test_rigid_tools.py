@@ -241,6 +241,21 @@ def test_a_hyper_reduced_model_has_the_tool():
         assert model.solve(point).forces() == pytest.approx(expected, abs=1e-8 * expected.max())
 
 
+@needs("floating", "obstacles")
+@pytest.mark.filterwarnings("ignore:kappa.B~. = ", "ignore:contact alone holds")
+def test_a_box_with_a_tool_that_nothing_presses_is_hyper_reduced():
+    """Without a force the tool moves with its obstacle and deforms nothing: no mode is made of the
+    round-off of that.
+    """
+    scene = replace(flat(), contacts=(hhr.Circle(TOP, center=(1.0, "3 - depth"), radius=2.0),))
+    training = hhr.train(hhr.drive(scene, 0, at=(1.0, 3.0), force={1: "-F"}), [5, 1, 4])
+    model = training.build()
+    point = {"F": 0.013, "slide": 0.0, "depth": 0.011}
+    expected = training.full_order.solve(point).forces()
+    found = model.solve(point, outside="ignore").forces()
+    assert found == pytest.approx(expected, abs=1e-3 * expected.max())
+
+
 @needs("floating", "pages")
 def test_files_keep_a_driven_tool(tmp_path):
     model = hhr.condense(replace(turned(flat(), (1.6, 1.0)), outputs=(hhr.ToolMotion("turns", 2),)))
