@@ -27,7 +27,7 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.models.histories.equilibrium import facet_of
-from hhr_dolfinx.models.model import AnsweringModel, KeptModel
+from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.plain import add_kind, as_plain, by_name, restored
 from hhr_dolfinx.warn import ignored, warn
 
@@ -124,10 +124,7 @@ def save_model(path: str | Path, model: KeptModel) -> None:
         56.5
     """
     if not isinstance(model, KeptModel):
-        is_model = isinstance(model, AnsweringModel)
-        reason = (
-            model.instead if is_model else "it is no model, give what build or condense returns"
-        )
+        reason = getattr(model, "instead", "it is no model, give what build or condense returns")
         raise NotOfferedError(f"a {type(model).__name__} cannot be kept in a file: {reason}")
     plain = model.for_file()
     if plain is not model:

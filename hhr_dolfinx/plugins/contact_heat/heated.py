@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
@@ -39,6 +39,8 @@ class HeatedModel:
         conductances: formulas by contact; their last two names are the pressure and the gap.
         pairs: contact of each condition, (m,).
     """
+
+    instead: ClassVar[str] = "take hhr.save_heat_model(path, model)"
 
     def __init__(self, parts: HeatParts):
         self.parts = parts

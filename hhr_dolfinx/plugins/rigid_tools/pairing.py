@@ -52,6 +52,11 @@ class OnTool(KnownArguments):
         """Surfaces of the body and of the tool."""
         return (*self.obstacle.tags, self.tool)
 
+    @property
+    def normal(self) -> tuple[float, ...] | None:
+        """Normal of a plane, by which two planes on one surface differ; None for another tool."""
+        return getattr(self.obstacle, "normal", None)
+
     def within(self, parameters: ParameterSpace) -> OnTool:
         """The pairing for a box.
 

@@ -433,6 +433,8 @@ def test_a_file_has_the_answers(tmp_path):
         hhr.load_heat_model(tmp_path / "cold.npz")
     with pytest.raises(NotOfferedError, match="no model with heat"):
         hhr.save_heat_model(tmp_path / "other.npz", model.mechanical)
+    with pytest.raises(NotOfferedError, match=r"take hhr.save_heat_model\(path, model\)"):
+        hhr.save_model(tmp_path / "other.npz", model)
 
 
 def test_several_points_and_a_start_alone():
