@@ -238,7 +238,7 @@ def in_time(
 ) -> dict[str, Any]:
     """Differences and times of a transient, all of its steps by one and by the other, twice."""
     begin = time.perf_counter()
-    model = hhr.condense_transient_heat(scene, heat)
+    model = hhr.condense_transient_heat(scene, heat, shortest=length)
     offline = time.perf_counter() - begin
     full = CoupledFull(scene, heat, model)
     times = length * np.arange(1, len(path) + 1)
@@ -338,7 +338,7 @@ def main() -> None:
     told = marched(hhr.condense_heat(*scenes["fuel rod"]), 20 if quick else HISTORIES, options.seed)
     seconds = np.arange(1.0, STEPS + 1)
     later = marched(
-        hhr.condense_transient_heat(*scenes["fuel rod"]),
+        hhr.condense_transient_heat(*scenes["fuel rod"], shortest=LENGTHS["fuel rod"]),
         20 if quick else HISTORIES,
         options.seed,
         seconds,

@@ -44,7 +44,13 @@ from hhr_dolfinx.plugins.decks.inp_steps import (
     period_of,
 )
 from hhr_dolfinx.plugins.decks.inp_temperatures import heated_of
-from hhr_dolfinx.plugins.decks.inp_ties import BoltSection, preloads_of, sections_of, ties_of
+from hhr_dolfinx.plugins.decks.inp_ties import (
+    BoltSection,
+    preloads_of,
+    sections_of,
+    tied_pairs,
+    ties_of,
+)
 from hhr_dolfinx.plugins.decks.inp_transforms import directed_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
 from hhr_dolfinx.plugins.decks.template import with_springs
@@ -145,6 +151,7 @@ class _DeckParts:
                 "its bodies are free: "
                 "hold them by *BOUNDARY" + "".join(f". {entry}" for entry in todo)
             )
+        stated = of_kind(blocks, "CONTACT PAIR", "CONTACT", "GAP")
         deck = Deck(
             self.path,
             self.hypothesis,
@@ -157,7 +164,7 @@ class _DeckParts:
             tuple(constraints),
             tuple(bolt.name for bolt in self.cuts),
             sides=sides,
-            contact_lost=not touching and bool(of_kind(blocks, "CONTACT PAIR", "CONTACT", "GAP")),
+            contact_lost=not touching and len(stated) > len(tied_pairs(blocks)),
         )
         flows = any(section.material.law for section in self.sections)
         return _with_20_nodes(with_springs(deck, parts) if touching and flows else deck, nodes)

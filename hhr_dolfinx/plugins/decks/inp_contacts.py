@@ -14,6 +14,7 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.plugins.decks.deck import Left, Pair
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Imposed, KeywordBlock, of_kind
+from hhr_dolfinx.plugins.decks.inp_ties import tied_pairs
 from hhr_dolfinx.plugins.decks.inp_tools import Tool, tool_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
 from hhr_dolfinx.plugins.decks.planes import Plane, plane_through
@@ -62,7 +63,10 @@ def pairs_of(
     cleared = of_kind(blocks, "CLEARANCE")
     used: set[str] = set()
     pairs = []
-    for block in of_kind(blocks, "CONTACT PAIR"):
+    tied = tied_pairs(blocks)
+    for block in (
+        pair_block for pair_block in of_kind(blocks, "CONTACT PAIR") if pair_block not in tied
+    ):
         word = block.word("INTERACTION")
         if word and word not in interactions:
             todo.append(

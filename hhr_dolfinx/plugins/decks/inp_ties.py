@@ -35,6 +35,27 @@ class BoltSection(NamedTuple):
     sign: float
 
 
+def tied_pairs(blocks: Sequence[KeywordBlock]) -> list[KeywordBlock]:
+    """Contact pairs whose surfaces neither open nor slide: those with TIED, and those of CalculiX
+    whose *SURFACE BEHAVIOR is TIED.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+    """
+    tied = set()
+    name = ""
+    for block in of_kind(blocks, "SURFACE INTERACTION", "SURFACE BEHAVIOR"):
+        if block.keyword == "SURFACE INTERACTION":
+            name = block.word("NAME")
+        elif block.word("PRESSURE-OVERCLOSURE") == "TIED":
+            tied.add(name)
+    return [
+        block
+        for block in of_kind(blocks, "CONTACT PAIR")
+        if "TIED" in block.options or block.word("INTERACTION") in tied
+    ]
+
+
 def ties_of(blocks: Sequence[KeywordBlock], parts: NamedParts, todo: list[Left]) -> list[DeckLoad]:
     """Ties and periodic surfaces; those without counterpart become TODO lines.
 
@@ -45,7 +66,7 @@ def ties_of(blocks: Sequence[KeywordBlock], parts: NamedParts, todo: list[Left])
     """
     ties = []
     models = of_kind(blocks, "CYCLIC SYMMETRY MODEL")
-    for block in of_kind(blocks, "TIE"):
+    for block in (*of_kind(blocks, "TIE"), *tied_pairs(blocks)):
         for row in block.rows:
             names = [word for word in row if word][:2]
             if len(names) < 2:

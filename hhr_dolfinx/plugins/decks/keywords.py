@@ -200,20 +200,17 @@ _OF_BODIES = {
     ),
 }
 _OF_CONTACT = {
-    "CONTACT PAIR": out_options(
-        left_options(
-            read_options(
-                "INTERACTION|CPSET",
-                "TYPE|SMALL SLIDING|EXTENSION ZONE|HCRIT|SMOOTH|NO THICKNESS|SUPPLEMENTARY "
-                "CONSTRAINTS|TRACKING|MINIMUM DISTANCE|DEVPATH",
-            ),
-            ADJUST=(
-                "no node moves here: gaps and overlaps are those of the mesh, see hhr check. "
-                "hhr.Opening(CONTACT, 0.0, overwrites=True) closes gaps"
-            ),
-            GEOMETRIC_CORRECTION="surfaces are those of the mesh",
+    "CONTACT PAIR": left_options(
+        read_options(
+            "INTERACTION|CPSET|TIED",
+            "TYPE|SMALL SLIDING|EXTENSION ZONE|HCRIT|SMOOTH|NO THICKNESS|SUPPLEMENTARY "
+            "CONSTRAINTS|TRACKING|MINIMUM DISTANCE|DEVPATH",
         ),
-        {"TIED": "it is tied: hhr.Tie(SLAVE, MASTER) in constraints"},
+        ADJUST=(
+            "no node moves here: gaps and overlaps are those of the mesh, see hhr check. "
+            "hhr.Opening(CONTACT, 0.0, overwrites=True) closes gaps"
+        ),
+        GEOMETRIC_CORRECTION="surfaces are those of the mesh",
     ),
     "SURFACE INTERACTION": left_options(
         read_options("NAME", "UNSYMM"),
@@ -223,17 +220,13 @@ _OF_CONTACT = {
     "SURFACE BEHAVIOR": left_options(
         read_options(
             "PRESSURE-OVERCLOSURE=LINEAR|PRESSURE-OVERCLOSURE=EXPONENTIAL|"
-            "PRESSURE-OVERCLOSURE=TABULAR|NO SEPARATION",
+            "PRESSURE-OVERCLOSURE=TABULAR|PRESSURE-OVERCLOSURE=TIED|NO SEPARATION",
             "PRESSURE-OVERCLOSURE=HARD|AUGMENTED LAGRANGE|PENALTY|DIRECT",
         ),
         **{
             "PRESSURE-OVERCLOSURE=*": (
                 "contact is hard here, surfaces do not overlap; law=hhr.SoftContact(...) of the "
                 "pair has curves"
-            ),
-            "PRESSURE-OVERCLOSURE=TIED": (
-                "surfaces touch and may open and slide here: write hhr.Tie(SLAVE, MASTER) in "
-                "constraints instead of the pair"
             ),
         },
     ),
