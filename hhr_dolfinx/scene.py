@@ -623,6 +623,8 @@ def _same_pair(one: Pairing, other: Pairing) -> bool:
     """True if two contact pairs are redundant: the same surfaces, and no distinct normals."""
     if set(one.tags) != set(other.tags):
         return False
+    if (same_as := getattr(one, "same_as", None)) is not None:
+        return bool(same_as(other))
     first, second = (_direction(getattr(pair, "normal", None)) for pair in (one, other))
     cosine = math.nan
     if first is not None and second is not None and first.shape == second.shape:

@@ -181,7 +181,7 @@ class RigidKernel:
         _check_idle(bodies, problem, idle)
         pins = linalg.qr(motions.T * problem.free, mode="r", pivoting=True)[1][: motions.shape[1]]
         rigid = motions @ _by_body(effect, ways[unresisted], owner)
-        tools = [getattr(pair, "same_everywhere", False) for pair in scene.contacts]
+        tools = [getattr(pair, "tool", None) is not None for pair in scene.contacts]
         round_ = _round_turns(bodies, problem, rigid, np.array(tools, dtype=bool))
         if round_.any():
             idle = np.hstack([idle, rigid[:, round_]])

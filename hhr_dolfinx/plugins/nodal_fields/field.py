@@ -19,6 +19,10 @@ ONE_OF_POINTS = 1e-6
 """Distance over the size of the points up to which a node is one of them."""
 BEYOND_MESH = 0.05
 """Part of its size by which points may lie outside the box around a mesh."""
+ON_A_LINE = 1e-9
+"""Part of the size of points up to which they lie on a line, or in a plane, where nothing is
+between them.
+"""
 FEWEST_NODES = 2
 """Nodes of the mesh, at least, that are among the points or between them."""
 
@@ -62,6 +66,10 @@ class NodalField(KnownArguments):
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "values", values)
 
+    def __repr__(self) -> str:
+        low, high = self.values.min(initial=np.inf), self.values.max(initial=-np.inf)
+        return f"<nodal field of {len(self.values)} points, {low:.6g} to {high:.6g}>"
+
     def at(self, places: np.ndarray) -> np.ndarray:
         """Values at places, (m,).
 
@@ -72,7 +80,12 @@ class NodalField(KnownArguments):
         distance, nearest = cKDTree(self.points).query(places)
         values: np.ndarray = self.values[nearest]
         others = distance > ONE_OF_POINTS * size
-        if others.any() and len(self.points) > self.points.shape[1]:
+        spread = np.linalg.svd(self.points - self.points.mean(axis=0), compute_uv=False)
+        if (
+            others.any()
+            and spread.size == self.points.shape[1]
+            and spread[-1] > ON_A_LINE * spread[0]
+        ):
             between = LinearNDInterpolator(self.points, self.values)(places[others])
             beyond = np.isnan(between)
             outer = NearestNDInterpolator(self.points, self.values)(places[others])

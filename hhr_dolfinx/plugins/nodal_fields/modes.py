@@ -30,7 +30,9 @@ FIELD_MODES = "hhr_dolfinx field modes"
 MODES_VERSION = 1
 """Version of this format."""
 WIDER = 0.1
-"""Part of the range of each amplitude in the given fields by which its box is wider."""
+"""Part of the range of each amplitude, of the given fields and the zero field, by which its box is
+wider on each side.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +82,15 @@ class FieldModes:
             SceneError: for fields that are not finite or of another shape, fields of zeros alone,
                 and a tolerance that is not positive.
         """
+        if not name.isidentifier():
+            raise SceneError(f"the name {name!r} of a field must be one of parameters, such as T")
+        if np.ndim(fields) != 2 or np.shape(fields)[1] != len(points):
+            raise SceneError(
+                f"field modes need fields, (s, n), at n = {len(points)} points, and not of shape "
+                f"{np.shape(fields)}: a row for each field"
+            )
         values = [NodalField(points, values).values for values in fields]
-        if not values or not np.any(values):
+        if not np.any(values):
             raise SceneError("field modes need a field or more that is not zero everywhere")
         if not tolerance > 0:
             raise SceneError(f"tolerance = {tolerance!r} of field modes must be positive")
@@ -92,11 +101,15 @@ class FieldModes:
             count += 1
         modes = np.ascontiguousarray(modes[:, :count])
         amplitudes = given @ modes
-        low = amplitudes.min(axis=0)
-        high = amplitudes.max(axis=0)
-        wider = WIDER * np.where(high > low, high - low, np.abs(high) + tolerance)
+        low = amplitudes.min(axis=0, initial=0.0)
+        high = amplitudes.max(axis=0, initial=0.0)
+        wider = WIDER * (high - low)
         known = NodalField(points, values[0]).points
         return cls(known, modes, low - wider, high + wider, name, float(tolerance))
+
+    def __repr__(self) -> str:
+        nodes, count = self.modes.shape
+        return f"<{count} modes of fields {self.name} at {nodes} points>"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -120,12 +133,22 @@ class FieldModes:
 
         Args:
             tag: cell tag of the body.
-            coefficient: its coefficient of expansion, see :class:`ThermalExpansion`.
+            coefficient: its coefficient of expansion, see :class:`ThermalExpansion`, which does
+                not depend on temperature.
+
+        Raises:
+            SceneError: for a coefficient that names an amplitude.
         """
         from hhr_dolfinx.formulas import formula_of
         from hhr_dolfinx.plugins.volume_loads.loads import ThermalExpansion
 
         formula = formula_of(coefficient, f"the expansion of body {tag}")
+        if named := sorted(set(formula.variables) & set(self.names)):
+            raise SceneError(
+                f"the expansion {coefficient!r} of body {tag} names {named[0]}, the amplitude of a "
+                "mode and no temperature: a coefficient that depends on temperature is not linear "
+                "in the field. Give the field of the strain instead of that of the temperature"
+            )
         return tuple(
             ThermalExpansion(tag, formula, formula_of(name, name), NodalField(self.points, mode))
             for name, mode in zip(self.names, self.modes.T, strict=True)
@@ -170,17 +193,24 @@ class FieldModes:
 
         Args:
             amplitudes: the amplitudes; names of other parameters have no effect.
+
+        Raises:
+            ParameterError: for a missing amplitude.
         """
+        if missing := [name for name in self.names if name not in amplitudes]:
+            raise ParameterError(f"amplitude {missing[0]} of field {self.name} is missing")
         return self.modes @ np.array([amplitudes[name] for name in self.names])
 
     def _checked(self, values: np.ndarray) -> np.ndarray:
         """Values at the points, (n,)."""
         given = np.asarray(values, dtype=float)
-        if given.shape != self.points.shape[:1] or not np.isfinite(given).all():
+        if given.shape != self.points.shape[:1]:
             raise ParameterError(
-                f"a field {self.name} has {len(self.points)} finite values, one for each point, "
-                f"and not {given.shape}"
+                f"a field {self.name} has {len(self.points)} values, one for each point, and not "
+                f"{given.shape}"
             )
+        if not np.isfinite(given).all():
+            raise ParameterError(f"a field {self.name} must have finite values")
         return given
 
     def save(self, path: str | Path) -> None:

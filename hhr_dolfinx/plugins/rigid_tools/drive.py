@@ -49,8 +49,7 @@ def drive(
             of the parameters as text. 0 leaves the component free.
         motion: motion by its component, likewise. The tool is held along components that are not
             named.
-        name: name of its body and of its surface, for outputs such as ``hhr.DisplacementAt``, and
-            for more loads.
+        name: name of its body and of its surface, for ``hhr.ToolMotion`` and for more loads.
 
     Returns:
         A scene, for models of all kinds.

@@ -8,6 +8,7 @@ which moves as a rigid body, continued affinely. Tangents of friction have the s
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -17,6 +18,7 @@ from scipy.sparse import csr_matrix, kron
 from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows, normals_of
 from hhr_dolfinx.declared import KnownArguments
+from hhr_dolfinx.pairings.obstacle import Obstacle
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.parameters import ParameterSpace, Tag
 
@@ -32,8 +34,6 @@ class OnTool(KnownArguments):
     tool: Tag  #: surface of the tool
     friction: PairLaw | float | str | None = field(default=None, metadata=LAW)
     law: PairLaw | None = field(default=None, metadata=LAW)
-
-    same_everywhere: bool = field(default=True, init=False)
 
     @classmethod
     def of(cls, obstacle: Any, tool: Tag) -> OnTool:
@@ -53,9 +53,21 @@ class OnTool(KnownArguments):
         return (*self.obstacle.tags, self.tool)
 
     @property
-    def normal(self) -> tuple[float, ...] | None:
-        """Normal of a plane, by which two planes on one surface differ; None for another tool."""
-        return getattr(self.obstacle, "normal", None)
+    def same_everywhere(self) -> bool:
+        """True for a plane, along which bodies may slide by any length."""
+        return isinstance(self.obstacle, Obstacle)
+
+    def same_as(self, other: object) -> bool:
+        """True for a pairing with the same conditions.
+
+        Args:
+            other: another pairing of these surfaces.
+        """
+        if not isinstance(other, OnTool):
+            return False
+        with suppress(ValueError):  # curves are arrays
+            return bool(self.obstacle is other.obstacle or self.obstacle == other.obstacle)
+        return False
 
     def within(self, parameters: ParameterSpace) -> OnTool:
         """The pairing for a box.

@@ -200,7 +200,7 @@ class ThermalExpansion(KnownArguments):
         temperature: temperature above the stress-free one: number, :class:`Amplitude`, or formula
             as text.
         field: distribution of the temperature, a function of the UFL coordinates that returns a UFL
-            scalar; None for 1.
+            scalar, or an ``hhr.NodalField``; None for 1.
 
     Example:
         >>> heat = hhr.ThermalExpansion("pellet", expansion=1e-5, temperature="T - 20")

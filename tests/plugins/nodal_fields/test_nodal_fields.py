@@ -251,5 +251,27 @@ def test_wrong_fields_are_named():
     modes = hhr.FieldModes.of(points, fields_at(points), tolerance=1.0)
     with pytest.raises(ParameterError, match="one for each point"):
         modes.amplitudes(np.zeros(3))
-    with pytest.raises(ParameterError, match="one for each point"):
+    with pytest.raises(ParameterError, match="must have finite values"):
         modes.amplitudes(np.full(len(points), np.nan))
+    with pytest.raises(ParameterError, match="amplitude T1 of field T is missing"):
+        modes.values({"push": 1.0})
+    with pytest.raises(SceneError, match="a row for each field"):
+        hhr.FieldModes.of(points, fields_at(points).T, tolerance=1.0)
+    with pytest.raises(SceneError, match="must be one of parameters"):
+        hhr.FieldModes.of(points, fields_at(points), tolerance=1.0, name="2T")
+    with pytest.raises(SceneError, match="names T1, the amplitude of a mode"):
+        modes.expansion(block.SOLID, "1e-5 * (1 + 1e-3 * T1)")
+    assert len(repr(modes)) < 80 and len(repr(modes.expansion(block.SOLID, 1e-5)[0])) < 400
+
+
+def test_the_zero_field_is_in_the_box():
+    """Paths begin with it, though all given fields are warm."""
+    points = nodes()
+    modes = hhr.FieldModes.of(points, fields_at(points) + 500.0, tolerance=0.1)
+    box = modes.joined()
+    assert box.point(modes.amplitudes(np.zeros(len(points)))).tolist() == [0.0] * len(box.names)
+
+
+def test_points_on_a_line_have_the_value_of_the_nearest():
+    field = hhr.NodalField(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [1.0, 2.0, 3.0])
+    assert field.at(np.array([[0.9, 0.3]])).tolist() == [2.0]

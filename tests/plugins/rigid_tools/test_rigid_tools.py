@@ -487,3 +487,35 @@ def test_a_tool_is_driven_once():
         hhr.drive(driven, 0, at=(1.0, 1.0), motion={0: "slide"}, name="other")
     with pytest.raises(SceneError, match="has a body 'tool'"):
         hhr.drive(driven, 0, at=(1.0, 1.0), motion={0: "slide"})
+
+
+@needs("floating", "obstacles")
+def test_one_tool_of_two_obstacles_on_one_surface():
+    """Two feet, of which the nearer to the force bears more: their moment is that of the force."""
+    feet = tuple(
+        hhr.Profile(TOP, curve=np.array([(low, 1.0), (low + 0.4, 1.0)]), smooth=False)
+        for low in (0.2, 1.3)
+    )
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".* lie beyond the end of the Profile")
+        scene = replace(flat(), contacts=feet)
+        model = full(hhr.drive(scene, (0, 1), at=(0.7, 1.0), force={1: "-F", 2: 0.0}))
+    forces = model.solve(AT).forces()
+    arms = model.problem.contact_points[:, 0] - 0.7
+    sums = np.bincount(model.problem.contact_pairs, forces)
+    assert forces.sum() == pytest.approx(0.01, rel=1e-9)
+    assert forces @ arms == pytest.approx(0.0, abs=1e-11)
+    assert sums[0] > 1.5 * sums[1] > 0
+    with pytest.raises(SceneError, match="same pair"):
+        hhr.drive(replace(scene, contacts=(feet[0], feet[0])), (0, 1), at=(0, 0), force={1: "-F"})
+
+
+@needs("friction", "obstacles")
+def test_a_curved_tool_that_slides_far_warns():
+    scene = replace(
+        flat(), contacts=(hhr.Circle(TOP, center=(1.0, 3.0), radius=2.0, friction=0.3),)
+    )
+    driven = hhr.drive(scene, 0, at=(1.0, 3.0), motion={0: "slide", 1: "-depth"})
+    path = path_of((0, 0, 0), (0, 0, 0.01), (0, 0.4, 0.01))
+    with pytest.warns(FarSlidingWarning):
+        hhr.condense(driven).march(path)
