@@ -13,12 +13,12 @@ REFUSED = {
         "double_pass+gasket double_pass+soft_contact double_pass+wear"
     ),
     "plugins/shapes/reshaped.py:_check_areas": "own_contact_law+shape",
-    "plugins/constraints/couplings.py:equations": "axisymmetric+rigid_motion",
     "plugins/constraints/elimination.py:_check_kept": "directed+preload",
     "plugins/inelastic/outside.py:statement": "external_law+plane_stress",
     "plugins/shapes/reshaped.py:_check_constraints": "rigid_motion+shape",
     "plugins/shapes/reshaped.py:check_still": "moving_circle+shape",
-    "plugins/sliding/slide.py:_check": "double_pass+sliding",
+    "plugins/rigid_tools/drive.py:drive": "driven_tool+own_system",
+    "plugins/sliding/slide.py:_check": "double_pass+sliding driven_tool+sliding",
     "plugins/sliding/slide.py:_check_shapes": "shape+sliding",
     "plugins/sliding/slide.py:slide": "floating+sliding",
     "scene.py:_check_system": (
@@ -91,11 +91,6 @@ REASONS: dict[str, dict[str, str]] = {
             "the slave's body, and the law keeps the areas of one shape. A law of ratios of "
             "forces, such as Coulomb's, needs none."
         ),
-        "plugins/constraints/couplings.py:equations": (
-            "A body of revolution has one rigid motion, along its axis: shifts and turns of the "
-            "section are strains of its rings, so that equations of a plane section would hold "
-            "another body."
-        ),
         "plugins/constraints/elimination.py:_check_kept": (
             "An equation between imposed displacements alone has no unknown: if their values "
             "break it, no displacement satisfies both."
@@ -114,9 +109,14 @@ REASONS: dict[str, dict[str, str]] = {
             "surface is nonlinear in the places of both: where both depend on parameters it is no "
             "sum over the obstacle's: not built in."
         ),
+        "plugins/rigid_tools/drive.py:drive": (
+            "A user-defined system states K of all dofs of the mesh, and those of the cell of a "
+            "tool are not among them."
+        ),
         "plugins/sliding/slide.py:_check": (
             "While surfaces slide, nodes of one pass those of the other, where rows of both "
-            "passes are dependent: pressures have no single value."
+            "passes are dependent: pressures have no single value. Tools that are driven beside "
+            "such pairs are not built in."
         ),
         "plugins/sliding/slide.py:_check_shapes": (
             "Not built in: increments that pair surfaces again solve for forces by one compliance "

@@ -42,7 +42,8 @@ class RigidMotion:
     """Some nodes move as a rigid body: a rigid coupling, which forces and displacements on its
     nodes then move.
 
-    Equations that imposed displacements or other constraints imply are left out. The motion of a
+    In axisymmetry they move along the axis alone, and not along the radius. Equations that imposed
+    displacements or other constraints imply are left out. The motion of a
     reference point is imposed by :class:`MeanMotion` of the same place, and forces on it are a
     :class:`CoupledForce`.
 
