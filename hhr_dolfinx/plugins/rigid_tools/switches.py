@@ -30,6 +30,7 @@ def driven_tool(draft: SceneDraft) -> SceneDraft:
     """A flat tool that a force presses on the right flank of the upper block, and that may turn."""
     axisymmetric = draft.kind.hypothesis == "axisymmetric"
     draft.exclude(axisymmetric, "a tool moves along the axis, and flanks lie beside it")
+    draft.exclude("floating" not in registry.installed(), "where a force drives it, it floats")
     draft.exclude(draft.remade is not None, "matrices of another code have no cell of a tool")
     place = draft.flanks[1]
     number = 1 + len(draft.obstacles)
