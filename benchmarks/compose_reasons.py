@@ -17,7 +17,7 @@ REFUSED = {
     "plugins/inelastic/outside.py:statement": "external_law+plane_stress",
     "plugins/shapes/reshaped.py:_check_constraints": "rigid_motion+shape",
     "plugins/shapes/reshaped.py:check_still": "moving_circle+shape",
-    "plugins/rigid_tools/drive.py:drive": "driven_tool+own_system",
+    "plugins/rigid_tools/drive.py:_check_scene": "driven_tool+own_system",
     "plugins/sliding/slide.py:_check": "double_pass+sliding driven_tool+sliding",
     "plugins/sliding/slide.py:_check_shapes": "shape+sliding",
     "plugins/sliding/slide.py:slide": "floating+sliding",
@@ -109,7 +109,7 @@ REASONS: dict[str, dict[str, str]] = {
             "surface is nonlinear in the places of both: where both depend on parameters it is no "
             "sum over the obstacle's: not built in."
         ),
-        "plugins/rigid_tools/drive.py:drive": (
+        "plugins/rigid_tools/drive.py:_check_scene": (
             "A user-defined system states K of all dofs of the mesh, and those of the cell of a "
             "tool are not among them."
         ),

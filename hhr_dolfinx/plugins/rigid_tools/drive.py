@@ -13,15 +13,14 @@ from hhr_dolfinx.plugins.rigid_tools.mesh import ToolMesh
 from hhr_dolfinx.plugins.rigid_tools.pairing import OnTool
 from hhr_dolfinx.scene import Body, Scene
 
+MODULUS = 1.0
+"""Young's modulus of the cell of a tool, which moves as a rigid body and has no strain."""
+
 
 class ToolBody(Body):
     """The cell of a tool, whose nodes places such as ``hhr.Nodes`` do not hold."""
 
     by_place: ClassVar[bool] = False
-
-
-MODULUS = 1.0
-"""Young's modulus of the cell of a tool, which moves as a rigid body and has no strain."""
 
 
 def drive(
@@ -70,32 +69,17 @@ def drive(
         >>> float(hhr.condense(driven).solve({"push": 50.0}).forces().sum().round(9))
         50.0
     """
-    if not isinstance(scene, Scene):
-        raise SceneError(f"{type(scene).__name__} is no Scene: hhr.drive takes the scene itself")
-    if not isinstance(name, str) or not name:
-        raise SceneError(f"name = {name!r} of a tool must be a text")
-    if name in [body.tag for body in scene.bodies]:
-        raise SceneError(f"scene '{scene.name}' has a body '{name}': give the tool another name")
+    _check_scene(scene, name)
     numbers = _numbers(contacts)
-    if scene.system is not None:
-        raise SceneError(
-            f"scene '{scene.name}' has a user-defined system, which states K of all dofs, and "
-            "not those of a tool: move the obstacle by an Opening"
-        )
     for number in numbers:
         _check_obstacle(scene, number)
-    for given in (force, motion):
-        if given is not None and not isinstance(given, Mapping):
-            raise SceneError(
-                f"forces and motions of a tool are by component, {{1: '-F'}}: {given!r}"
-            )
     point = as_tuple(f"the reference point of tool '{name}'", () if at is None else at)
     if len(point) not in (2, 3) or not all(map(is_number, point)):
         raise SceneError(f"the reference point {at!r} of tool '{name}' must be 2 or 3 coordinates")
     axisymmetric = scene.hypothesis == "axisymmetric"
     components = components_of(scene.hypothesis, len(point))
-    forces = dict(force or {})
-    motions = dict(motion or {})
+    forces = _by_component(force)
+    motions = _by_component(motion)
     _check_components(name, forces, motions, components)
     held = {component: motions.get(component, 0.0) for component in components}
     constraints = [
@@ -131,6 +115,28 @@ def components_of(hypothesis: str, dim: int) -> tuple[int, ...]:
     if hypothesis == "axisymmetric":
         return (1,)
     return tuple(range(3 if dim == 2 else 6))
+
+
+def _check_scene(scene: Scene, name: str) -> None:
+    """Raise SceneError for a scene that has no room for a tool of this name."""
+    if not isinstance(scene, Scene):
+        raise SceneError(f"{type(scene).__name__} is no Scene: hhr.drive takes the scene itself")
+    if not isinstance(name, str) or not name:
+        raise SceneError(f"name = {name!r} of a tool must be a text")
+    if name in [body.tag for body in scene.bodies]:
+        raise SceneError(f"scene '{scene.name}' has a body '{name}': give the tool another name")
+    if scene.system is not None:
+        raise SceneError(
+            f"scene '{scene.name}' has a user-defined system, which states K of all dofs, and "
+            "not those of a tool: move the obstacle by an Opening"
+        )
+
+
+def _by_component(given: Any) -> dict[int, Any]:
+    """Forces or motions of a tool."""
+    if given is not None and not isinstance(given, Mapping):
+        raise SceneError(f"forces and motions of a tool are by component, {{1: '-F'}}: {given!r}")
+    return dict(given or {})
 
 
 def _numbers(contacts: Any) -> tuple[Any, ...]:

@@ -144,17 +144,17 @@ def _gathered(mesh: Any, comm: MPI.Comm) -> tuple[np.ndarray, np.ndarray]:
 
 def _tagged(mesh: Any, tags: Any, comm: MPI.Comm) -> tuple[np.ndarray, np.ndarray]:
     """Corners of tagged entities, (n, k), and their tags, on the first rank; empty elsewhere."""
-    kind = mesh.topology.cell_name()
-    width = _corners(kind) if tags.dim == mesh.topology.dim else len(_facets(kind)[0])
     from dolfinx.mesh import entities_to_geometry
 
+    kind = mesh.topology.cell_name()
+    width = _corners(kind) if tags.dim == mesh.topology.dim else len(_facets(kind)[0])
     topology = mesh.topology
     topology.create_connectivity(tags.dim, topology.dim)
     topology.create_connectivity(topology.dim, tags.dim)
     here = tags.indices < topology.index_map(tags.dim).size_local
     local = entities_to_geometry(mesh, tags.dim, tags.indices[here])
     # those of second order have their corners first
-    corners = mesh.geometry.input_global_indices[local.reshape(here.sum(), -1)[:, :width]]
+    corners = mesh.geometry.input_global_indices[local[:, :width]]
     found = comm.gather((corners, tags.values[here]))
     if found is None:
         return corners[:0], tags.values[:0]
