@@ -88,7 +88,8 @@ def library(kind, monkeypatch):
 def test_the_page_has_short_recipes_of_public_functions():
     """Thirty lines of code at most; of the package they import what users import."""
     assert set(RECIPES) == {"Dakota", "OpenTURNS", "pyMOR", "Tesseract"}
-    assert PAGE.count("```python\n") == len(RECIPES)
+    # and the lines for fields of another program, which tests of that plug-in have
+    assert PAGE.count("```python\n") == len(RECIPES) + 1
     for title, text in RECIPES.items():
         lines = [line for line in text.splitlines() if line.strip()]
         assert len(lines) <= 30 and max(map(len, lines)) <= 100, title
