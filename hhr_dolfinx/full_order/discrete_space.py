@@ -197,14 +197,14 @@ class DiscreteSpace(ABC):
         """Numbers of the nodes that places hold, (k,): all but those of bodies that they do not
         name. Collective.
         """
-        count = self.space.dofmap.index_map.size_global
+        every = np.arange(len(self._points()))
         hidden = [body.tag for body in self.scene.bodies if not body.by_place]
         if not hidden:
-            return np.arange(count)
+            return every
         cells = np.concatenate([self.cells_of(tag) for tag in hidden])
         local = np.unique(self.space.dofmap.list[cells]).astype(np.int32)
         numbers = self.space.dofmap.index_map.local_to_global(local)
-        return np.setdiff1d(np.arange(count), self.group.joined(numbers))
+        return np.setdiff1d(every, self.group.joined(numbers))
 
     def _nodes_of_set(self, numbers: np.ndarray) -> np.ndarray:
         """Own nodes, (k,), for numbers of points of the file, on cells of first order with those

@@ -506,8 +506,6 @@ def test_one_tool_of_two_obstacles_on_one_surface():
     assert forces.sum() == pytest.approx(0.01, rel=1e-9)
     assert forces @ arms == pytest.approx(0.0, abs=1e-11)
     assert sums[0] > 1.5 * sums[1] > 0
-    with pytest.raises(SceneError, match="same pair"):
-        hhr.drive(replace(scene, contacts=(feet[0], feet[0])), (0, 1), at=(0, 0), force={1: "-F"})
 
 
 @needs("friction", "obstacles")

@@ -195,9 +195,9 @@ def check_constants(full):
 
 def test_constants_of_the_full_model_are_those_of_lapack(hertz):
     values, found = check_constants(hertz)
-    assert found.coercivity <= values[0] * (1 + 1e-13) and found.continuity >= values[-1] * (
-        1 - 1e-13
-    )
+    # LAPACK's are off by the round-off of the largest one, whichever BLAS
+    off = 10 * np.finfo(float).eps * values[-1]
+    assert found.coercivity <= values[0] + off and found.continuity >= values[-1] - off
 
 
 @needs("elasticity")
