@@ -266,14 +266,14 @@ def without_driving(
         todo: list to which TODO lines are appended.
     """
     dim = parts.raw.dim
+    turns = {5: 2} if dim == 2 else {}  # the moment across the plane
     rest = list(acting)
     for block in of_kind(blocks, "RIGID BODY"):
         reference = block.word("REF NODE")
         if not is_tool(block, parts) or not reference.isdigit():
             continue
         forces = {
-            3 * dim - 4 if dim == 2 and row.component == 5 else row.component: row.factor
-            / thickness
+            turns.get(row.component, row.component): row.factor / thickness
             for row in rest
             if row.block.keyword == "CLOAD" and row.row[0].upper() == reference and row.factor
         }

@@ -47,7 +47,7 @@ def tied_pairs(blocks: Sequence[KeywordBlock]) -> list[KeywordBlock]:
     for block in of_kind(blocks, "SURFACE INTERACTION", "SURFACE BEHAVIOR"):
         if block.keyword == "SURFACE INTERACTION":
             name = block.word("NAME")
-        elif block.word("PRESSURE-OVERCLOSURE") == "TIED":
+        elif name and block.word("PRESSURE-OVERCLOSURE") == "TIED":
             tied.add(name)
     return [
         block

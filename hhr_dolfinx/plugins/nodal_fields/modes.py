@@ -9,7 +9,7 @@ model of the scene answers.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -64,7 +64,7 @@ class FieldModes:
     lower: Annotated[Floats, "field modes"]
     upper: Annotated[Floats, "field modes"]
     name: str = "T"
-    tolerance: float = field(default=0.0)
+    tolerance: float = 0.0
 
     @classmethod
     def of(

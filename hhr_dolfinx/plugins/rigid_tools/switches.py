@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 THRUSTS = (0.01, 0.02, 0.05, 0.03, 0.015)
 """Forces on the tool along the path."""
-
-
 SPAN = 1.1, 1.9
 """Heights of the ends of the tool, between the nodes at the ends of the flank: those are held."""
 

@@ -24,6 +24,7 @@ pytestmark = [
 BOX = {"F": (0.0, 0.02), "slide": (0.0, 0.5), "depth": (0.0, 0.02)}
 AT = {"F": 0.01, "slide": 0.0, "depth": 0.01}
 BOTTOM, TOP = (block.side(1, upper=upper) for upper in (False, True))
+LID = block.side(2, upper=True)
 
 
 def flat(friction=None, *, moved=False, **others):
@@ -36,6 +37,21 @@ def flat(friction=None, *, moved=False, **others):
         cells=(12, 6),
         contacts=(hhr.Obstacle(TOP, normal=(0, 1), offset=1.0, friction=friction),),
         displacements=(hhr.Displacement(BOTTOM, 0, foot), hhr.Displacement(BOTTOM, 1)),
+        **others,
+    )
+
+
+def cube(obstacle, **others):
+    """A cube whose foot is held, below an obstacle."""
+    return block_scene(
+        "cube",
+        BOX,
+        lower=(0, 0, 0),
+        upper=(1, 1, 1),
+        cells=(5, 4, 3),
+        hypothesis="solid",
+        contacts=(obstacle,),
+        displacements=hhr.Displacement.clamp(block.side(2, upper=False), 3),
         **others,
     )
 
@@ -142,18 +158,7 @@ def test_a_sphere_that_sinks_by_a_force(order):
     """
     if order == 2:
         pytest.importorskip("hhr_dolfinx.plugins.second_order")
-    top = block.side(2, upper=True)
-    scene = block_scene(
-        "ball",
-        BOX,
-        lower=(0, 0, 0),
-        upper=(1, 1, 1),
-        cells=(5, 4, 3),
-        hypothesis="solid",
-        order=order,
-        contacts=(hhr.Sphere(top, center=(0.5, 0.5, 3.0), radius=2.0),),
-        displacements=hhr.Displacement.clamp(block.side(2, upper=False), 3),
-    )
+    scene = cube(hhr.Sphere(LID, center=(0.5, 0.5, 3.0), radius=2.0), order=order)
     axes = {0: 0.0, 1: 0.0, 2: "-F"}
     driven = hhr.drive(scene, 0, at=(0.5, 0.5, 3.0), force=axes)
     driven = replace(driven, outputs=tuple(hhr.ToolMotion(f"u{k}", k) for k in range(3)))
@@ -404,16 +409,7 @@ def test_a_small_tool_on_a_long_body_may_turn():
 @pytest.mark.parametrize("at", [(0.5, 0.5, 1.0), (3.0, -2.0, 4.0), (300.0, -200.0, 400.0)])
 def test_moments_refer_to_the_reference_point(at):
     """A force at a place, by its moments about points over the contact, beside it, and far off."""
-    scene = block_scene(
-        "cube",
-        BOX,
-        lower=(0, 0, 0),
-        upper=(1, 1, 1),
-        cells=(5, 4, 3),
-        hypothesis="solid",
-        contacts=(hhr.Obstacle(block.side(2, upper=True), normal=(0, 0, 1), offset=1.0),),
-        displacements=hhr.Displacement.clamp(block.side(2, upper=False), 3),
-    )
+    scene = cube(hhr.Obstacle(LID, normal=(0, 0, 1), offset=1.0))
     place = 0.8, 0.7
     moments = {3: f"{at[1] - place[1]!r} * F", 4: f"{place[0] - at[0]!r} * F"}
     model = full(hhr.drive(scene, 0, at=at, force={2: "-F"} | moments))

@@ -195,9 +195,13 @@ def check_constants(full):
 
 def test_constants_of_the_full_model_are_those_of_lapack(hertz):
     values, found = check_constants(hertz)
-    # LAPACK's are off by the round-off of the largest one, whichever BLAS
-    off = 10 * np.finfo(float).eps * values[-1]
-    assert found.coercivity <= values[0] + off and found.continuity >= values[-1] - off
+    # LAPACK's smallest one is off by round-off of the largest: the quotient of its vector, in more
+    # digits, is not below the smallest one, and off by the square of that
+    matrix = on_free(hertz).astype(np.longdouble)
+    vector = linalg.eigh(on_free(hertz), subset_by_index=[0, 0])[1][:, 0].astype(np.longdouble)
+    smallest = float(vector @ (matrix @ vector) / (vector @ vector))
+    assert found.coercivity <= smallest * (1 + 1e-13)
+    assert found.continuity >= values[-1] * (1 - 1e-13)
 
 
 @needs("elasticity")
