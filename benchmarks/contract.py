@@ -650,7 +650,7 @@ def page(cases: list[Case]) -> str:
         "# What each kind of model offers",
         "",
         f"Made by `benchmarks/contract.py`: {len(KINDS)} kinds of models, {len(VERBS)} verbs, "
-        f"{len(PLACES) + len(TABLES)} places, {len(cases)} cases. All answer but for those below: "
+        f"{len(PLACES) + len(TABLES)} places. All answer but for those below: "
         "`refused` by a `NotOfferedError` with this reason; `unknown`, since nothing is known of "
         "the error and `estimate()` is None.",
         "",

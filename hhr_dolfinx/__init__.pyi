@@ -47,6 +47,7 @@ from .plugins.contact_heat.heat import FixedTemperature as FixedTemperature
 from .plugins.contact_heat.heat import Heat as Heat
 from .plugins.contact_heat.heat import HeatFlux as HeatFlux
 from .plugins.contact_heat.heat import HeatSource as HeatSource
+from .plugins.contact_heat.heat import SlidingHeat as SlidingHeat
 from .plugins.contact_heat.heated import HeatAnswer as HeatAnswer
 from .plugins.contact_heat.making import condense_heat as condense_heat
 from .plugins.contact_heat.making import condense_transient_heat as condense_transient_heat

@@ -15,7 +15,11 @@ from no_skips import pytest_make_collect_report, pytest_runtest_makereport  # no
 from processes import forget_own_folders
 from quick_forms import compile_quickly
 from scenes import THESIS
-from slow_suite import keep_slice, pytest_addoption  # noqa: F401
+from slow_suite import (  # noqa: F401
+    keep_slice,
+    pytest_addoption,
+    pytest_ignore_collect,
+)
 
 import hhr_dolfinx as hhr
 

@@ -5,6 +5,7 @@ import json
 import subprocess
 import time
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 RECORD = Path(__file__).parent / "slow_report.json"
 
 
-ONE_BY_ONE = "test_scripts.py", "test_compose.py"
+ONE_BY_ONE = "test_scripts.py", "test_compose.py", "test_contract.py"
 """Files that take minutes, and whose tests share no fixture that takes long."""
 
 
@@ -120,16 +121,31 @@ def recorded(path=RECORD):
     }
 
 
+def pytest_ignore_collect(collection_path, config):
+    """Leave out files of other slices before they are imported, which takes longest."""
+    text = config.getoption("--slice")
+    name = collection_path.relative_to(config.rootpath).as_posix()
+    if not text or not name.endswith(".py") or name.endswith(ONE_BY_ONE):
+        return None
+    return True if _slice_of_unit(name, *slice_of(text)[1:]) != slice_of(text)[0] else None
+
+
+@cache
+def _slice_of_unit(name, count):
+    """Slice of a unit, by the last record or else by its name."""
+    return _plan(count).get(name, slice_by_hash(name, count))
+
+
+@cache
+def _plan(count):
+    return planned(recorded(), count)
+
+
 def keep_slice(config, items):
     """Leave out tests of other slices."""
     if not (text := config.getoption("--slice")):
         return
     index, count = slice_of(text)
-    slices = planned(recorded(), count)
-    others = [
-        item
-        for item in items
-        if slices.get(unit(item.nodeid), slice_by_hash(unit(item.nodeid), count)) != index
-    ]
+    others = [item for item in items if _slice_of_unit(unit(item.nodeid), count) != index]
     config.hook.pytest_deselected(items=others)
     items[:] = [item for item in items if item not in set(others)]

@@ -64,6 +64,7 @@ NAMES = {
     "drive": ("rigid_tools", "floating"),
     "build": (),
     "condense": (),
+    "SlidingHeat": ("contact_heat",),
     "condense_heat": ("contact_heat",),
     "condense_transient_heat": ("contact_heat",),
     "load_model": (),

@@ -27,6 +27,7 @@ def run(folder, *options):
     """Run pytest on files of three tests or more, with the hooks of the slow suite alone."""
     (folder / "conftest.py").write_text(
         "from slow_suite import keep_slice, pytest_addoption, pytest_configure\n"
+        "from slow_suite import pytest_ignore_collect\n"
         "def pytest_collection_modifyitems(config, items): keep_slice(config, items)\n"
     )
     for name in ("one", "two"):

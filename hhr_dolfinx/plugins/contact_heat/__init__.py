@@ -8,12 +8,12 @@ PLUGIN = Plugin(
     name="contact_heat",
     needs=("elasticity",),
     public={
-        f"{_HERE}.heat": "Heat FixedTemperature HeatFlux HeatSource Convection",
+        f"{_HERE}.heat": "Heat FixedTemperature HeatFlux HeatSource Convection SlidingHeat",
         f"{_HERE}.heated": "HeatAnswer",
         f"{_HERE}.model": "HeatModel",
         f"{_HERE}.transient": "TransientHeatModel",
         f"{_HERE}.making": "condense_heat condense_transient_heat",
         f"{_HERE}.files": "save_heat_model load_heat_model",
     },
-    classes={f"{_HERE}.parts": "Conduction HeatParts TransientParts"},
+    classes={f"{_HERE}.parts": "Conduction HeatParts SlidingParts TransientParts"},
 )

@@ -83,8 +83,11 @@ def solved(
         flows: heat flows and temperatures of bodies to start from, (m + b,).
         responses: of sets of closed contacts.
     """
-    found = solved_by_sets(contact, responses, forces > 0, flows)
-    return solved_together(contact, forces, flows) if found is None else found
+    if contact.sliding is None:  # responses have S of no heat
+        found = solved_by_sets(contact, responses, forces > 0, flows)
+        if found is not None:
+            return found
+    return solved_together(contact, forces, flows)
 
 
 @np.errstate(all="ignore")  # steps that run away end in NaN, which has no step

@@ -10,7 +10,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
-from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix, vstack
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
@@ -40,7 +40,9 @@ class HeatSystem:
     fixed: np.ndarray  #: nodes of fixed temperatures
     levels: np.ndarray  #: 1 in each body that contact alone feeds, (n, b); none of transient heat
     pins: np.ndarray  #: a node of each body that contact alone feeds, (b,)
-    jumps: csr_matrix  #: B_T, temperature of the first surface less that of the second, (m, n)
+    #: B_T, temperature of the first surface less that of the second, (m, n), and less that of both
+    #: by the shares of the heat that conditions make which slide, (g, n)
+    jumps: csr_matrix
     expansion: csr_matrix  #: C, nodal forces per temperature, (N, n)
     at_rest: np.ndarray  #: nodal forces of the reference temperatures, (N,)
     capacity: csr_matrix  #: M_T, heat per rise of the temperature, (n, n); 0 of steady heat
@@ -66,6 +68,7 @@ def heat_system(
     fixed, values, of_fixed = _fixed(full.discretisation, heat)
     jumps = jumps_of(full)
     conducting = jumps[np.isin(full.problem.contact_pairs, list(conducts))]
+    jumps = csr_matrix(vstack([jumps, _falls_of_sliding(full, jumps, heat)]))
     if transient:  # all bodies have the temperature of their start
         levels = np.zeros((stiffness.shape[0], 0))
         pins = np.zeros(0, dtype=int)
@@ -160,6 +163,35 @@ def jumps_of(full: FullOrderModel) -> csr_matrix:
         columns += nodes.tolist()
     shape = (len(problem.contact_slaves), len(problem.points))
     return csr_matrix((weights, (rows, columns)), shape=shape)
+
+
+def sliding_conditions(full: FullOrderModel, heat: Heat) -> np.ndarray:
+    """Numbers of the conditions whose surfaces make heat as they slide, (g,).
+
+    Args:
+        full: the full model of the scene.
+        heat: its heat.
+    """
+    assert full.problem.contact_pairs is not None
+    return np.flatnonzero(np.isin(full.problem.contact_pairs, list(heat.sliding)))
+
+
+def _falls_of_sliding(full: FullOrderModel, jumps: csr_matrix, heat: Heat) -> csr_matrix:
+    """Less the temperatures of both surfaces by the shares of the heat of each condition that
+    slides, (g, n): as a flow, heat enters both.
+    """
+    rows = sliding_conditions(full, heat)
+    falls = csr_matrix(jumps[rows]).copy()
+    firsts = {
+        pair: full.discretisation.surface(full.scene.contacts[pair].tags[0]).nodes
+        for pair in heat.sliding
+    }
+    for place, pair in enumerate(full.problem.contact_pairs[rows].tolist()):
+        entries = slice(falls.indptr[place], falls.indptr[place + 1])
+        first = np.isin(falls.indices[entries], firsts[pair])
+        share = heat.sliding[pair].share
+        falls.data[entries] *= np.where(first, -share, 1 - share)
+    return falls
 
 
 def _fixed(

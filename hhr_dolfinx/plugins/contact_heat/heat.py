@@ -14,6 +14,8 @@ from hhr_dolfinx.parameters import Tag, check_tag, is_number
 PRESSURE_NAME = "p"
 GAP_NAME = "g"
 """Names of the contact pressure and of the gap in formulas of conductances."""
+BY_CONTACT = ("conductance", "sliding")
+"""Properties that contacts have, and not bodies."""
 
 
 def _amplitude(item: Any, name: str, what: str) -> None:
@@ -96,6 +98,46 @@ class Convection(KnownArguments):
         _amplitude(self, "surroundings", f"convection on tag {self.tag}")
 
 
+@dataclass(frozen=True)
+class SlidingHeat(KnownArguments):
+    """Heat of two surfaces that slide past each other: friction times pressure times speed, per
+    area.
+
+    The drag itself does not act: it does not change the pressure where surfaces slide out of the
+    plane or about the axis, as discs and seals do; elsewhere it is left out.
+
+    Attributes:
+        friction: coefficient of friction: number, or formula of the parameters and the coordinates
+            as text.
+        speed: of the sliding, likewise, ``"omega * r"``; its sign does not matter.
+        share: part of the heat that goes into the first surface, from 0 to 1; the second takes the
+            rest, which a rigid obstacle carries away.
+
+    Raises:
+        SceneError: for a share that is not between 0 and 1, or a text that is no formula.
+
+    Example:
+        >>> hhr.SlidingHeat(friction=0.4, speed="omega * r", share=0.9).factor
+        '(0.4) * abs(omega * r)'
+    """
+
+    friction: float | str | Formula
+    speed: float | str | Formula
+    share: float = 0.5
+
+    def __post_init__(self) -> None:
+        _amplitude(self, "friction", "sliding")
+        _amplitude(self, "speed", "sliding")
+        if not is_number(self.share) or not 0 <= self.share <= 1:
+            raise SceneError(f"the share {self.share!r} of the first surface must be in [0, 1]")
+
+    @property
+    def factor(self) -> str:
+        """Heat per area over pressure, as text."""
+        friction, speed = (formula_of(one, "sliding").text for one in (self.friction, self.speed))
+        return f"({friction}) * abs({speed})"
+
+
 Supply = HeatFlux | HeatSource | Convection
 """Ways by which heat enters and leaves, but for fixed temperatures and contacts."""
 
@@ -120,6 +162,7 @@ class Heat(KnownArguments):
         supplies: heat fluxes, heat sources and convection.
         capacity: positive heat capacity per volume of each body, density times specific heat, by
             cell tag: for :func:`condense_transient_heat`; steady heat does not read it.
+        sliding: heat of contacts whose surfaces slide, by the number of the contact.
 
     Raises:
         SceneError: for numbers that are not positive, or unknown names in formulas.
@@ -132,13 +175,14 @@ class Heat(KnownArguments):
     temperatures: Sequence[FixedTemperature] = ()
     supplies: Sequence[Supply] = ()
     capacity: Mapping[Tag, float] = field(default_factory=dict)
+    sliding: Mapping[int, SlidingHeat] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("conductivity", "conductance", "expansion", "capacity"):
+        for name in ("conductivity", "conductance", "expansion", "capacity", "sliding"):
             if not isinstance(getattr(self, name), Mapping):
                 raise SceneError(
                     f"the {name} {getattr(self, name)!r} of heat must be a mapping, such as "
-                    f"{{1: 50.0}}, by {'contact' if name == 'conductance' else 'cell tag'}"
+                    f"{{1: 50.0}}, by {'contact' if name in BY_CONTACT else 'cell tag'}"
                 )
         for name, kinds in (("temperatures", FixedTemperature), ("supplies", Supply)):
             given = getattr(self, name)
@@ -149,9 +193,12 @@ class Heat(KnownArguments):
             wrong = [item for item in getattr(self, name) if not isinstance(item, kinds)]
             if wrong:
                 raise SceneError(f"{wrong[0]!r} does not belong to the {name} of heat")
-        for contact in self.conductance:
+        for contact in (*self.conductance, *self.sliding):
             if isinstance(contact, bool) or not isinstance(contact, int):
-                raise SceneError(f"the contact {contact!r} of a conductance must be a whole number")
+                raise SceneError(f"the contact {contact!r} of heat must be a whole number")
+        for contact, item in self.sliding.items():
+            if not isinstance(item, SlidingHeat):
+                raise SceneError(f"the sliding of contact {contact} must be a SlidingHeat")
         for name in ("conductivity", "capacity"):
             for tag, value in getattr(self, name).items():
                 if not is_number(value) or value <= 0:

@@ -19,6 +19,7 @@ from hhr_dolfinx.models.functionals.functional import Outputs
 from hhr_dolfinx.plugins.contact_heat.heat import GAP_NAME, PRESSURE_NAME
 from hhr_dolfinx.plugins.contact_heat.newton import CoupledChanges, CoupledContact, CoupledSolution
 from hhr_dolfinx.plugins.contact_heat.parts import HeatParts
+from hhr_dolfinx.plugins.contact_heat.sliding import PerHeat, Sliding
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +35,8 @@ class HeatedModel:
 
     Attributes:
         parameters: the box of the parameters.
-        mechanical: condensed model of the scene with heat flows and levels as further parameters.
+        mechanical: condensed model of the scene whose further parameters are heat flows, heat of
+            conditions that slide, and levels.
         conduction: temperatures per heat flow and supply.
         conductances: formulas by contact; their last two names are the pressure and the gap.
         pairs: contact of each condition, (m,).
@@ -61,17 +63,36 @@ class HeatedModel:
         self._equalities = eliminated.equalities
         self._amplitudes = eliminated.amplitudes
         count = len(self.parameters.names)
+        m = len(self._schur)
+        flows = conduction.per_heat.shape[1]
         of_slack = self._free_slack[:, : len(self._amplitudes.slopes)] @ self._amplitudes.slopes
-        self._per_heat = of_slack[:, count:]
-        self._per_parameter = of_slack[:, :count]
-        self._jumps = conduction.jumps @ conduction.temperatures
-        self._compliance = conduction.jumps @ conduction.per_heat
-        self._levels = conduction.jumps @ conduction.levels
+        per_parameter, per_flow, per_friction, per_level = np.split(
+            of_slack, [count, count + m, count + flows], axis=1
+        )
+        self._per_heat = np.hstack([per_flow, per_level])
+        self._per_parameter = per_parameter
+        fallen = conduction.jumps[:m] @ conduction.per_heat
+        levels = conduction.jumps @ conduction.levels
+        self._jumps = conduction.jumps[:m] @ conduction.temperatures
+        self._compliance = fallen[:, :m]
+        self._levels = levels[:m]
+        self._sliding = Sliding(parts.sliding, self.pairs)
+        self._per_sliding = PerHeat(per_friction, -fallen[:, m:], -levels[m:].T)
 
     @property
     def conditions(self) -> int:
         """Number of contact conditions."""
         return len(self._schur)
+
+    @property
+    def sliding(self) -> list[int]:
+        """Numbers of the contacts whose surfaces slide."""
+        return [] if self.parts.sliding is None else self.parts.sliding.contacts.tolist()
+
+    @property
+    def sliding_conditions(self) -> np.ndarray:
+        """Numbers of their conditions, (g,)."""
+        return self._sliding.conditions
 
     @property
     def contacts(self) -> set[int]:
@@ -94,7 +115,8 @@ class HeatedModel:
 
     def _without_flows(self, point: np.ndarray) -> np.ndarray:
         """The point of the mechanical model without heat flows and levels, (P + m + b,)."""
-        return np.concatenate([point, np.zeros(self._per_heat.shape[1])])
+        heat = self._per_heat.shape[1] + self._sliding.conditions.size
+        return np.concatenate([point, np.zeros(heat)])
 
     def _slack_without_flows(self, point: np.ndarray) -> np.ndarray:
         """Slack without forces, heat flows and levels, (m,): amplitudes of a thousand of them are
@@ -116,10 +138,15 @@ class HeatedModel:
         return still
 
     def _coupled(self, point: np.ndarray) -> CoupledContact:
+        return self._sliding.added(self._still_contact(point), self._per_sliding, point)
+
+    def _still_contact(self, point: np.ndarray) -> CoupledContact:
+        """The problem without the heat of surfaces that slide."""
         supplies = self.conduction.supplies(point)
         return CoupledContact(
             slack=self._slack_without_flows(point),
             schur=self._schur,
+            compliances=np.diag(self._schur),
             per_heat=self._per_heat,
             jump=self._jumps @ supplies,
             compliance=self._compliance,
@@ -131,12 +158,18 @@ class HeatedModel:
 
     def _gradient(self, answer: HeatAnswer, changes: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of all outputs along the parameters of the user, (P,) each, by those of heat
-        flows and levels, (m + b, P).
+        flows, heat of conditions that slide and levels, (m + g + b, P).
         """
         count = len(self.parameters.names)
         gradient = {
             f"heat {contact}": changes[: self.conditions][self.pairs == contact].sum(axis=0)
             for contact in self.conductances
+        }
+        made = np.zeros((self.conditions, count))
+        made[self._sliding.conditions] = changes[self.conditions :][: self._sliding.conditions.size]
+        gradient |= {
+            f"friction heat {contact}": made[self.pairs == contact].sum(axis=0)
+            for contact in self.sliding
         }
         if self.mechanical.fields.functionals is None:
             return gradient
@@ -146,19 +179,32 @@ class HeatedModel:
         of_scene = {name: of[:count] + of[count:] @ changes for name, of in along.items()}
         return {**of_scene, **gradient}
 
-    def _along(self, answer: HeatAnswer) -> CoupledChanges:
+    def _along(self, answer: HeatAnswer, per_sliding: PerHeat) -> CoupledChanges:
         """Derivatives of the problem of an answer along the parameters of the user, at constant
-        heat flows and levels.
+        forces, heat flows and levels.
         """
         point = answer.parameter
         acting, slopes = self._amplitudes.slopes_at(self._without_flows(point))
         supplies = self._supply_slopes(point)
+        made = self._made_along(answer)
+        slack = self._free_slack[:, acting] @ slopes[:, : len(self.parameters.names)]
         return CoupledChanges(
-            slack=self._free_slack[:, acting] @ slopes[:, : len(self.parameters.names)],
-            jump=self._jumps @ supplies,
-            supplied=self.conduction.supplied @ supplies,
+            slack=slack + per_sliding.slack @ made,
+            jump=self._jumps @ supplies + per_sliding.jump @ made,
+            supplied=self.conduction.supplied @ supplies + self._per_sliding.supplied @ made,
             conductance=self._conducted_changes(point, answer.forces() / self._areas, answer.gaps),
         )
+
+    def _made_along(self, answer: HeatAnswer) -> np.ndarray:
+        """Derivatives of the heat of conditions that slide, at constant forces, (g, P)."""
+        forces = answer.solution.forces[self._sliding.conditions]
+        found: np.ndarray = forces[:, None] * self._sliding.derivatives(answer.parameter)
+        return found
+
+    def _made_changes(self, answer: HeatAnswer, forces: np.ndarray) -> np.ndarray:
+        """Derivatives of this heat, (g, P), by those of forces, (m, P)."""
+        factors = self._sliding.factors(answer.parameter)
+        return self._made_along(answer) + factors[:, None] * forces[self._sliding.conditions]
 
     def _supply_slopes(self, point: np.ndarray) -> np.ndarray:
         """Derivatives of supplies and fixed temperatures along the parameters, (t, P)."""
@@ -206,11 +252,14 @@ class HeatedModel:
     def _answer(
         self, point: np.ndarray, contact: CoupledContact, found: CoupledSolution, several: bool
     ) -> HeatAnswer:
-        jump = contact.jump - contact.compliance @ found.heat + contact.levels @ found.levels
+        jump = contact.jump_at(found.forces, np.concatenate([found.heat, found.levels]))
         self._check_sign(point, contact, found)
-        for array in (found.heat, found.levels, jump):
+        made = np.zeros(self.conditions)
+        rows = self._sliding.conditions
+        made[rows] = self._sliding.factors(point) * found.forces[rows]
+        for array in (found.heat, found.levels, jump, made):
             array.flags.writeable = False
-        return HeatAnswer(point, jump, several, found, self)
+        return HeatAnswer(point, jump, made, several, found, self)
 
     def _check_sign(
         self, point: np.ndarray, contact: CoupledContact, found: CoupledSolution
@@ -238,12 +287,14 @@ class HeatAnswer:
     Attributes:
         parameter: the parameter, (P,).
         jump: temperature of the first surface less that of the second, (m,).
+        friction_heat: power of the friction of each condition whose surfaces slide, (m,).
         several: True if another start has another answer.
         solution: forces, slacks, heat flows and levels.
     """
 
     parameter: np.ndarray
     jump: np.ndarray
+    friction_heat: np.ndarray
     several: bool
     solution: CoupledSolution
     _model: HeatedModel
@@ -269,10 +320,15 @@ class HeatAnswer:
 
     @property
     def heated(self) -> np.ndarray:
-        """The parameter followed by heat flows and levels: a point of ``model.mechanical``,
-        (P + m + b,).
+        """The parameter followed by heat flows, heat of conditions that slide and levels: a point
+        of ``model.mechanical``, (P + m + g + b,).
         """
-        return np.concatenate([self.parameter, self.heat, self.levels])
+        return np.concatenate([self.parameter, self.flows, self.levels])
+
+    @property
+    def flows(self) -> np.ndarray:
+        """Heat flows, and heat of conditions that slide, (m + g,)."""
+        return np.concatenate([self.heat, self.friction_heat[self._model.sliding_conditions]])
 
     def forces(self) -> np.ndarray:
         """Contact forces, (m,), see :meth:`hhr_dolfinx.models.answer.Answer.forces`."""
@@ -337,8 +393,13 @@ class HeatAnswer:
         return float(self.heat[self._model.pairs == contact].sum())
 
     def outputs(self) -> Outputs:
-        """Outputs of the scene by name, and ``heat 0``, ``heat 1``, the flow of each contact."""
+        """Outputs of the scene by name, ``heat 0``, ``heat 1``, the flow of each contact, and
+        ``friction heat 0``, that of each which slides.
+        """
         flows = {f"heat {k}": self.heat_through(k) for k in self._model.conductances}
+        for k in self._model.sliding:
+            made = self.friction_heat[self._model.pairs == k]
+            flows[f"friction heat {k}"] = float(made.sum())
         units = dict.fromkeys(flows, "")
         if self._model.mechanical.fields.functionals is None:
             return Outputs(flows, units)

@@ -19,15 +19,26 @@ from hhr_dolfinx.errors import (
     SmallStrainWarning,
     StabilityWarning,
 )
-from hhr_dolfinx.formulas import Scalar, box_samples, formula_of
+from hhr_dolfinx.formulas import Scalar, box_samples, coordinate_names, formula_of
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.parameters import ParameterSpace, is_number
-from hhr_dolfinx.plugins.contact_heat.conduction import HeatSystem, eliminated, heat_system
+from hhr_dolfinx.plugins.contact_heat.conduction import (
+    HeatSystem,
+    eliminated,
+    heat_system,
+    sliding_conditions,
+)
 from hhr_dolfinx.plugins.contact_heat.heat import GAP_NAME, PRESSURE_NAME, Heat
 from hhr_dolfinx.plugins.contact_heat.heated import HeatAnswer
 from hhr_dolfinx.plugins.contact_heat.model import HeatModel
 from hhr_dolfinx.plugins.contact_heat.modes import transient_heat
-from hhr_dolfinx.plugins.contact_heat.parts import Conduction, HeatParts, TransientParts
+from hhr_dolfinx.plugins.contact_heat.parts import (
+    Conduction,
+    HeatParts,
+    SlidingParts,
+    TransientParts,
+)
+from hhr_dolfinx.plugins.contact_heat.sliding import Sliding
 from hhr_dolfinx.plugins.contact_heat.thermal_loads import (
     FLOW,
     LEVEL,
@@ -52,6 +63,8 @@ STEP_TOLERANCE = 1e-3
 """Error of one step of transient heat where nothing is said."""
 LONG_STEP = 10.0
 """Length of a step over the slowest decay, after which temperatures are nearly steady."""
+FLOW_OUTPUTS = ("heat", "friction heat")
+"""Beginnings of the names of outputs of heat, before the number of a contact."""
 LOST_AREA = 1e-6
 """Part of the area of a contact that may have no condition: round-off."""
 
@@ -207,12 +220,44 @@ class _Prepared:
             np.array(sorted(self.conductances), dtype=np.int64),
             tuple(self.conductances[number] for number in sorted(self.conductances)),
             self.full.problem.contact_areas.copy(),
+            self.sliding(),
         )
+
+    def sliding(self) -> SlidingParts | None:
+        """Contacts that make heat as they slide; None where there are none."""
+        conditions = sliding_conditions(self.full, self.heat)
+        places = self.full.problem.contact_points[conditions]
+        contacts = sorted(self.heat.sliding)
+        if not contacts:
+            return None
+        names = (
+            *self.scene.parameters.names,
+            *coordinate_names(self.scene.hypothesis)[: places.shape[1]],
+        )
+        factors = tuple(Scalar(self.heat.sliding[k].factor, names) for k in contacts)
+        parts = SlidingParts(np.array(contacts, dtype=np.int64), factors, conditions, places)
+        self._check_factors(parts)
+        return parts
+
+    def _check_factors(self, parts: SlidingParts) -> None:
+        """Refuse friction that is negative, or friction and speeds that are no numbers."""
+        sliding = Sliding(parts, self.full.problem.contact_pairs)
+        for point in box_samples(self.scene.parameters):
+            factors = sliding.factors(point)
+            if not np.isfinite(factors).all() or (factors < 0).any():
+                row = np.flatnonzero(~(np.isfinite(factors) & (factors >= 0)))[0]
+                raise SceneError(
+                    f"friction times speed of contact "
+                    f"{self.full.problem.contact_pairs[parts.conditions[row]]} is "
+                    f"{factors[row]:g} at {self.scene.parameters.described(point)}, at "
+                    f"{parts.places[row].tolist()}: it must be a number that is not negative"
+                )
 
 
 def _prepared(scene: Scene, heat: Heat, *, transient: bool = False) -> _Prepared:
     """Check a scene, and assemble its heat."""
     _check(scene)
+    _check_sliding(scene, heat)
     _check_amplitudes(scene, heat)
     full = FullOrderModel(naming_all(scene), MPI.COMM_SELF)
     problem = full.problem
@@ -289,9 +334,28 @@ def _check(scene: Scene) -> None:
     reserved = [name for name in scene.parameters.names if name.startswith((FLOW, LEVEL))]
     if reserved:
         raise SceneError(f"a parameter is named {reserved[0]!r}, as heat flows are: rename it")
-    flows = {f"heat {k}" for k in range(len(scene.contacts))}
+    flows = {f"{heat} {k}" for k in range(len(scene.contacts)) for heat in FLOW_OUTPUTS}
     if reserved := [output.name for output in scene.outputs if output.name in flows]:
         raise SceneError(f"an output is named {reserved[0]!r}, as heat flows are: rename it")
+
+
+def _check_sliding(scene: Scene, heat: Heat) -> None:
+    """Refuse unknown contacts that slide, and parameters with the name of a coordinate.
+
+    Raises:
+        SceneError: with the contact or name.
+    """
+    unknown = set(heat.sliding) - set(range(len(scene.contacts)))
+    if unknown:
+        raise SceneError(
+            f"contact {min(unknown)} slides: the scene has contacts 0 to {len(scene.contacts) - 1}"
+        )
+    shared = set(coordinate_names(scene.hypothesis)) & set(scene.parameters.names)
+    if heat.sliding and shared:
+        raise SceneError(
+            f"a parameter is named {sorted(shared)[0]!r}, which speeds take for a coordinate: "
+            "rename it"
+        )
 
 
 def _check_amplitudes(scene: Scene, heat: Heat) -> None:

@@ -147,7 +147,10 @@ class HeatModel(HeatedModel):
         if not gradient:
             return answer.outputs()
         contact = self._coupled(answer.parameter)
-        changes = changes_of(contact, answer.solution, self._along(answer))
+        along = self._along(answer, self._per_sliding)
+        forces, flows = changes_of(contact, answer.solution, along)
+        made = self._made_changes(answer, forces)
+        changes = np.insert(flows, [self.conditions] * len(made), made, axis=0)
         return replace(answer.outputs(), gradient=self._gradient(answer, changes))
 
     def _found(self, contact: CoupledContact, both: bool = True) -> list[CoupledSolution]:
@@ -161,13 +164,19 @@ class HeatModel(HeatedModel):
         if found[0].converged and not both:
             return found
         flows = self._perfect @ np.concatenate([contact.jump, contact.supplied])
-        every = np.ones(self.conditions, dtype=bool)
-        closed, _ = self._equalities(every, contact.slack + self._per_heat @ flows)
+        closed = self._closed(contact, contact.slack + self._per_heat @ flows)
         pressed = np.maximum(closed, 0.1 * np.abs(closed).max(initial=0.0))
         found.append(self._solved(contact, pressed, flows))
         if not any(one.converged for one in found):
             found.append(by_conducting_gaps(contact, forces, nothing))
         return found
+
+    def _closed(self, contact: CoupledContact, slack: np.ndarray) -> np.ndarray:
+        """Forces at which all conditions are closed, with the heat that they make, (m,)."""
+        if contact.sliding is None:
+            return self._equalities(np.ones(self.conditions, dtype=bool), slack)[0]
+        forces: np.ndarray = np.linalg.lstsq(contact.schur, -slack, rcond=None)[0]
+        return forces
 
     def _solved(
         self, contact: CoupledContact, forces: np.ndarray, flows: np.ndarray

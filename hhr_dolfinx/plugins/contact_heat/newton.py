@@ -24,11 +24,19 @@ FALLING_HALVINGS = 30
 """Most halvings of a step whose residual must fall."""
 
 
+class SlidingResponse(NamedTuple):
+    """Heat that forces make where surfaces slide; the slack of its expansion is in ``schur``."""
+
+    jump: np.ndarray  #: of the temperature per force, (m, m)
+    supplied: np.ndarray  #: heat to each body that contact alone feeds, per force, (b, m)
+
+
 class CoupledContact(NamedTuple):
     """Contact and heat at one parameter (m conditions, b bodies that contact alone feeds)."""
 
     slack: np.ndarray  #: without forces and heat, (m,)
     schur: np.ndarray  #: slack per force, (m, m)
+    compliances: np.ndarray  #: slack of each condition per its force, without heat, (m,)
     per_heat: np.ndarray  #: slack per heat flow and temperature of a body, (m, m + b)
     jump: np.ndarray  #: of the temperature, first surface less second, without heat flows, (m,)
     compliance: np.ndarray  #: jump that a heat flow takes away, (m, m)
@@ -36,6 +44,28 @@ class CoupledContact(NamedTuple):
     supplied: np.ndarray  #: heat that is supplied to each of these bodies, (b,)
     areas: np.ndarray  #: tributary areas, (m,)
     conductance: Conductance
+    sliding: SlidingResponse | None = None
+
+    def jump_at(self, forces: np.ndarray, flows: np.ndarray) -> np.ndarray:
+        """Jump of the temperature, first surface less second, (m,).
+
+        Args:
+            forces: (m,).
+            flows: heat flows and temperatures of bodies, (m + b,).
+        """
+        m = self.slack.size
+        jump: np.ndarray = self.jump - self.compliance @ flows[:m] + self.levels @ flows[m:]
+        return jump if self.sliding is None else jump + self.sliding.jump @ forces
+
+    def surplus(self, forces: np.ndarray, flows: np.ndarray) -> np.ndarray:
+        """Heat that leaves each body that contact alone feeds, less what enters it, (b,).
+
+        Args:
+            forces: (m,).
+            flows: heat flows and temperatures of bodies, (m + b,).
+        """
+        surplus: np.ndarray = self.levels.T @ flows[: self.slack.size] - self.supplied
+        return surplus if self.sliding is None else surplus - self.sliding.supplied @ forces
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +97,8 @@ def solved_together(
     """Solve for forces, heat flows and temperatures of bodies together.
 
     The conditions are λ >= 0, s >= 0, λ s = 0 with s = slack + S λ + D q, and q = a h(λ / a, s) j
-    with j = jump - C q; a body that contact alone feeds passes on what it is supplied with.
+    with j = jump - C q; a body that contact alone feeds passes on what it is supplied with. Where
+    surfaces slide, forces make heat: S has its expansion and is not symmetric, and j its jump.
 
     Args:
         contact: the problem.
@@ -125,8 +156,9 @@ class CoupledChanges(NamedTuple):
 
 def changes_of(
     contact: CoupledContact, found: CoupledSolution, along: CoupledChanges
-) -> np.ndarray:
-    """Derivatives of heat flows and temperatures of bodies along parameters, (m + b, P).
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of forces, (m, P), and of heat flows and temperatures of bodies, (m + b, P),
+    along parameters.
 
     By the implicit function theorem, at the statuses of the solution.
 
@@ -144,7 +176,7 @@ def changes_of(
     pressed = found.forces / contact.areas
     opened = np.maximum(found.slack, 0.0)
     conducted, _, of_gap = contact.conductance(pressed, opened)
-    jump = contact.jump - contact.compliance @ found.heat + contact.levels @ found.levels
+    jump = contact.jump_at(found.forces, np.concatenate([found.heat, found.levels]))
     open_ = ~active & (found.slack > 0)
     more = along.conductance + np.where(open_, of_gap, 0.0)[:, None] * along.slack
     flows = contact.areas[:, None] * (more * jump[:, None] + conducted[:, None] * along.jump)
@@ -156,7 +188,8 @@ def changes_of(
         ]
     )
     step = np.linalg.solve(jacobian, -right)
-    return np.vstack([step[m : 2 * m] * scales.heat, step[2 * m :] * scales.level])
+    flows = np.vstack([step[m : 2 * m] * scales.heat, step[2 * m :] * scales.level])
+    return step[:m] * scales.force, flows
 
 
 def by_conducting_gaps(
@@ -206,12 +239,15 @@ def scales_of(contact: CoupledContact) -> Scales:
         contact: the problem.
     """
     slack = max(float(np.abs(contact.slack).max(initial=0.0)), 1e-300)
-    force = slack / max(float(np.diag(contact.schur).mean()), 1e-300)
+    force = slack / max(float(contact.compliances.mean()), 1e-300)
     pressed = force / contact.areas
     flows = contact.areas * contact.conductance(pressed, np.zeros(pressed.size))[0]
     conducted = max(float(np.nan_to_num(flows, posinf=0.0).max(initial=0.0)), 1e-300)
     supplied = float(np.abs(contact.supplied).max(initial=0.0))
-    level = max(float(np.abs(contact.jump).max(initial=0.0)), supplied / conducted, 1e-300)
+    jump = float(np.abs(contact.jump).max(initial=0.0))
+    if contact.sliding is not None:
+        jump = max(jump, force * float(np.abs(contact.sliding.jump).max(initial=0.0)))
+    level = max(jump, supplied / conducted, 1e-300)
     return Scales(slack, force, max(conducted * level, supplied, 1e-300), level)
 
 
@@ -245,17 +281,16 @@ def _linearised(
     forces = unknown[:m] * scales.force
     flows = np.concatenate([unknown[m : 2 * m] * scales.heat, unknown[2 * m :] * scales.level])
     slack = contact.slack + contact.schur @ forces + contact.per_heat @ flows
-    compliance = np.diag(contact.schur)
-    active = forces * compliance > slack
+    active = forces * contact.compliances > slack
     pressed = np.where(active, np.maximum(forces, 0.0), 0.0) / contact.areas
     opened = np.where(active, 0.0, np.maximum(slack, 0.0))
     conducted, of_pressure, of_gap = contact.conductance(pressed, opened)
-    jump = contact.jump - contact.compliance @ flows[:m] + contact.levels @ flows[m:]
+    jump = contact.jump_at(forces, flows)
     residual = np.concatenate(
         [
             np.where(active, slack / scales.slack, unknown[:m]),
             (flows[:m] - contact.areas * conducted * jump) / scales.heat,
-            (contact.levels.T @ flows[:m] - contact.supplied) / scales.heat,
+            contact.surplus(forces, flows) / scales.heat,
         ]
     )
     jacobian = np.zeros((2 * m + b, 2 * m + b))
@@ -267,6 +302,9 @@ def _linearised(
     by_pressure = np.where(active & (forces > 0), of_pressure * jump, 0.0)
     by_gap = np.where(~active & (slack > 0), contact.areas * of_gap * jump, 0.0)
     of_forces = np.diag(by_pressure) + by_gap[:, None] * contact.schur
+    if contact.sliding is not None:
+        of_forces += (contact.areas * conducted)[:, None] * contact.sliding.jump
+        jacobian[2 * m :, :m] = -contact.sliding.supplied * (scales.force / scales.heat)
     jacobian[m : 2 * m, :m] = -of_forces * (scales.force / scales.heat)
     of_flows = contact.areas[:, None] * conducted[:, None] * contact.compliance + np.eye(m)
     of_flows -= by_gap[:, None] * contact.per_heat[:, :m]

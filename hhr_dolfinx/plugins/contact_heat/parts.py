@@ -27,10 +27,12 @@ class Conduction(Rebuilt):
 
     amplitudes: tuple[Scalar, ...]  #: of the supplies and fixed temperatures, (t,)
     temperatures: Annotated[Floats, "n", "t"]  #: per amplitude
-    #: fall of the temperature per heat flow, K_T^-1 B_T^T, (n, m)
+    #: fall of the temperature per heat flow, K_T^-1 B_T^T, (n, m), and per heat of conditions that
+    #: slide, (n, g), below 0
     per_heat: Annotated[Floats, "n", "m"]
     levels: Annotated[Floats, "n", "b"]  #: 1 in each body that contact alone feeds; modes
-    #: B_T, temperature of the first surface less that of the second, (m, n)
+    #: B_T, temperature of the first surface less that of the second, (m, n), and less that of both
+    #: by the shares of the heat that conditions make which slide, (g, n)
     jumps: Annotated[csc_matrix, "m", "n"]
     #: heat to each body that contact alone feeds, per amplitude; 0 of modes
     supplied: Annotated[Floats, "b", "t"]
@@ -47,12 +49,26 @@ class Conduction(Rebuilt):
         """Temperature at the nodes, (n,).
 
         Args:
-            point: parameter of the user, followed by heat flows and levels, (P + m + b,).
+            point: parameter of the user, followed by heat flows, heat of conditions that slide and
+                levels, (P + m + g + b,).
             count: number of the parameters of the user.
         """
         flows, levels = np.split(point[count:], [self.per_heat.shape[1]])
         still = self.temperatures @ self.supplies(point[:count])
         return still - self.per_heat @ flows + self.levels @ levels
+
+
+@dataclass(frozen=True, eq=False)
+class SlidingParts(Rebuilt):
+    """Contacts that make heat as they slide."""
+
+    has_own_sizes: ClassVar[bool] = True
+
+    contacts: Annotated[Integers, "k"]  #: their numbers
+    #: heat per force of each; names are those of the parameters and the coordinates
+    factors: tuple[Scalar, ...]
+    conditions: Annotated[Integers, "g"]  #: numbers of their conditions
+    places: Annotated[Floats, "g", "d"]  #: of these conditions
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +85,7 @@ class HeatParts(Rebuilt):
     #: their conductances; the last two names are the pressure and the gap
     conductances: tuple[Scalar, ...]
     areas: Annotated[Floats, "m"]  #: tributary areas, (m,)
+    sliding: SlidingParts | None = None  #: contacts that make heat as they slide
 
 
 @dataclass(frozen=True, eq=False)

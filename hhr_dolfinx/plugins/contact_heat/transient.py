@@ -25,6 +25,7 @@ from hhr_dolfinx.plugins.contact_heat.newton import (
     changes_of,
 )
 from hhr_dolfinx.plugins.contact_heat.parts import TransientParts
+from hhr_dolfinx.plugins.contact_heat.sliding import PerHeat
 from hhr_dolfinx.warn import warn
 
 Points = PointLike | Sequence[PointLike]
@@ -49,9 +50,10 @@ class _HeatStep(NamedTuple):
     """Matrices of one length of steps: amplitudes are weights * (..) + per_flow @ flows."""
 
     weights: np.ndarray  #: amplitude after the step over that before, (r,)
-    per_flow: np.ndarray  #: amplitudes per heat flow, (r, m)
+    per_flow: np.ndarray  #: amplitudes per heat flow and heat of conditions that slide, (r, m + g)
     compliance: np.ndarray  #: jump of the temperature that a heat flow takes away, (m, m)
     per_heat: np.ndarray  #: slack per heat flow, (m, m)
+    per_sliding: PerHeat
     responses: SetResponses
 
 
@@ -162,7 +164,7 @@ class TransientHeatModel(HeatedModel):
                     f"{self._advice(length)}; raise_on_failure=False keeps the answers before"
                 )
             supplies = self.conduction.supplies(point)
-            amplitudes = last.levels + self._given @ supplies - self._flowing @ last.heat
+            amplitudes = last.levels + self._given @ supplies - self._flowing @ last.flows
             yield last, float(length)
 
     def _warn_of_short(self, lengths: np.ndarray) -> None:
@@ -192,20 +194,22 @@ class TransientHeatModel(HeatedModel):
         step = self._step(length)
         supplies = self._supply_slopes(answer.parameter)
         kept = step.weights[:, None] * (before + self._warming(length) @ supplies)
-        along = self._along(answer)
+        along = self._along(answer, step.per_sliding)
         m = self.conditions
         of_step = along._replace(
             slack=along.slack + self._per_heat[:, m:] @ kept,
             jump=along.jump + self._levels @ kept,
             supplied=np.zeros((0, kept.shape[1])),
         )
-        without_flows = answer.levels - step.per_flow @ answer.heat
-        contact = self._of_step(self._coupled(answer.parameter), step, without_flows)
+        without_flows = answer.levels - step.per_flow @ answer.flows
+        contact = self._of_step(answer.parameter, step, without_flows)
         solution = answer.solution
         alone = CoupledSolution(
             solution.forces, solution.slack, solution.heat, np.zeros(0), 0, converged=True
         )
-        flows = changes_of(contact, alone, of_step)
+        forces, changes = changes_of(contact, alone, of_step)
+        made = self._made_changes(answer, forces)
+        flows = np.vstack([changes, made])
         levels = kept + step.per_flow @ flows
         after = levels + self._given @ supplies - self._flowing @ flows
         return np.vstack([flows, levels]), after
@@ -290,29 +294,28 @@ class TransientHeatModel(HeatedModel):
         answers, or fewer.
         """
         step = self._step(length)
-        whole = self._coupled(point)
         supplies = self.conduction.supplies(point)
         kept = step.weights * (amplitudes + self._warming(length) @ supplies)
-        found = self._found(self._of_step(whole, step, kept), step, before)
+        found = self._found(self._of_step(point, step, kept), step, before)
         if not found.converged:
             found = _lost(self.conditions)
-        levels = kept + step.per_flow @ found.heat
+        made = self._sliding.factors(point) * found.forces[self._sliding.conditions]
+        levels = kept + step.per_flow @ np.concatenate([found.heat, made])
         solution = CoupledSolution(
             found.forces, found.slack, found.heat, levels, found.steps, found.converged
         )
-        return self._answer(point, whole, solution, several=False)
+        return self._answer(point, self._coupled(point), solution, several=False)
 
     def _warming(self, length: float) -> np.ndarray:
         """Amplitudes that supplies add in a step, before they decay, (r, t)."""
         warming: np.ndarray = length * self.transient.grown - self._given
         return warming
 
-    def _of_step(
-        self, contact: CoupledContact, step: _HeatStep, kept: np.ndarray
-    ) -> CoupledContact:
+    def _of_step(self, point: np.ndarray, step: _HeatStep, kept: np.ndarray) -> CoupledContact:
         """The problem of a step, of heat flows alone; ``kept`` are the amplitudes without them."""
         m = self.conditions
-        return contact._replace(
+        contact = self._still_contact(point)
+        still = contact._replace(
             slack=contact.slack + self._per_heat[:, m:] @ kept,
             per_heat=step.per_heat,
             jump=contact.jump + self._levels @ kept,
@@ -320,6 +323,7 @@ class TransientHeatModel(HeatedModel):
             levels=np.zeros((m, 0)),
             supplied=np.zeros(0),
         )
+        return self._sliding.added(still, step.per_sliding, point)
 
     def _found(
         self, contact: CoupledContact, step: _HeatStep, before: Sequence[HeatAnswer]
@@ -349,13 +353,22 @@ class TransientHeatModel(HeatedModel):
             weights = 1.0 / (1.0 + length * self.rates)
             drained = length * self.transient.drained
             per_flow = weights[:, None] * (self._flowing - drained)
-            per_heat = self._per_heat[:, : self.conditions] + (
-                self._per_heat[:, self.conditions :] @ per_flow
-            )
-            compliance = self._compliance - self._levels @ per_flow
-            responses = SetResponses(self._schur, per_heat)
+            m = self.conditions
+            slack = self._per_heat[:, m:] @ per_flow
+            jump = self._levels @ per_flow
+            per_heat = self._per_heat[:, :m] + slack[:, :m]
+            steady = self._per_sliding
             found = self._steps[length] = _HeatStep(
-                weights, per_flow, compliance, per_heat, responses
+                weights,
+                per_flow,
+                self._compliance - jump[:, :m],
+                per_heat,
+                PerHeat(
+                    steady.slack + slack[:, m:],
+                    steady.jump + jump[:, m:],
+                    np.zeros((0, steady.slack.shape[1])),
+                ),
+                SetResponses(self._schur, per_heat),
             )
             while len(self._steps) > KEPT_STEPS:
                 self._steps.popitem(last=False)

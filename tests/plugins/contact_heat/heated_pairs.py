@@ -99,6 +99,33 @@ def thick_heat():
     return heat(temperatures=[hhr.FixedTemperature(*pair) for pair in fixed])
 
 
+def rod_scene(gap=0.0, cells=(2, 2), order=1, pairing=None, **more):
+    """Two rods between walls that hold them aside: nothing depends on the place across."""
+    faces = side(FIRST, 1, True), side(SECOND, 1, False)
+    sides = [side(tag, 0, upper) for tag in (FIRST, SECOND) for upper in (False, True)]
+    push = hhr.Amplitude(slopes={"push": -1.0})
+    given = {
+        "name": "rods",
+        "geometry": lambda comm: two_blocks.two_blocks(
+            comm,
+            first=((0.0, 0.0), (1.0, 1.0), (cells[0], 4)),
+            second=((0.0, 1.0 + gap), (1.0, 2.0 + gap), (cells[1], 4)),
+        ),
+        "hypothesis": "plane_strain",
+        "bodies": (hhr.Body(FIRST, 200.0, 0.0), hhr.Body(SECOND, 100.0, 0.0)),
+        "contacts": (pairing(*faces) if pairing else hhr.NodeToNode(*faces, (0.0, 1.0)),),
+        "parameters": hhr.ParameterSpace(("push", "T"), (-0.01, -200.0), (0.01, 200.0)),
+        "displacements": (
+            hhr.Displacement(side(FIRST, 1, False), 1),
+            *(hhr.Displacement(tag, 0) for tag in sides),
+            hhr.Displacement(side(SECOND, 1, True), 1, push),
+        ),
+        "outputs": (hhr.LargestPressure("peak", 0),),
+        "order": order,
+    }
+    return hhr.Scene(**given | more)
+
+
 CONDUCTANCE = "30 * p / (p + 0.5) + 0.05 / (g + 0.001)"
 
 

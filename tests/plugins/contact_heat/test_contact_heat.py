@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from heated_pairs import Coupled, blocks, heat, thick_blocks, thick_heat
+from heated_pairs import Coupled, blocks, heat, rod_scene, thick_blocks, thick_heat
 from needs import needs
 from scipy.optimize import brentq
 
@@ -21,7 +21,6 @@ from hhr_dolfinx.errors import (
     SmallStrainWarning,
     StabilityWarning,
 )
-from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
 from hhr_dolfinx.plugins.contact_heat import by_sets
 
@@ -47,33 +46,6 @@ def test_answers_are_those_of_a_coupled_full_model(hypothesis):
         assert 0 < np.count_nonzero(forces) <= len(forces)
     assert answer.outputs()["heat 0"] == pytest.approx(flows.sum(), rel=1e-10)
     assert answer.mechanical.converged and "peak" in answer.outputs()
-
-
-def rod_scene(gap=0.0, cells=(2, 2), order=1, pairing=None, **more):
-    """Two rods between walls that hold them aside: nothing depends on the place across."""
-    faces = side(FIRST, 1, True), side(SECOND, 1, False)
-    sides = [side(tag, 0, upper) for tag in (FIRST, SECOND) for upper in (False, True)]
-    push = hhr.Amplitude(slopes={"push": -1.0})
-    given = {
-        "name": "rods",
-        "geometry": lambda comm: two_blocks.two_blocks(
-            comm,
-            first=((0.0, 0.0), (1.0, 1.0), (cells[0], 4)),
-            second=((0.0, 1.0 + gap), (1.0, 2.0 + gap), (cells[1], 4)),
-        ),
-        "hypothesis": "plane_strain",
-        "bodies": (hhr.Body(FIRST, 200.0, 0.0), hhr.Body(SECOND, 100.0, 0.0)),
-        "contacts": (pairing(*faces) if pairing else hhr.NodeToNode(*faces, (0.0, 1.0)),),
-        "parameters": hhr.ParameterSpace(("push", "T"), (-0.01, -200.0), (0.01, 200.0)),
-        "displacements": (
-            hhr.Displacement(side(FIRST, 1, False), 1),
-            *(hhr.Displacement(tag, 0) for tag in sides),
-            hhr.Displacement(side(SECOND, 1, True), 1, push),
-        ),
-        "outputs": (hhr.LargestPressure("peak", 0),),
-        "order": order,
-    }
-    return hhr.Scene(**given | more)
 
 
 def rods(conductance, cold, warm, expansion=2e-5, scene=None, **more):

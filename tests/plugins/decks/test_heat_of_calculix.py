@@ -85,3 +85,47 @@ def test_flows_and_forces_are_those_of_calculix(
     theirs = by_place(np.array([places[int(row[0])] for row in rows[2:]], dtype=float), expected)
     ours = by_place(hhr.FullOrderModel(scene).problem.points, answer.temperature())
     np.testing.assert_allclose(ours, theirs, atol=close * WARM)
+
+
+def sliding_deck(share, speed=20.0):
+    """Without a change across, the upper cube moves aside by a little, which its friction needs."""
+    text = deck(0.0, conductance="20., , 0.", kind="SURFACE TO SURFACE")
+    rubbed = f"*FRICTION\n.3, 1e7\n*GAP HEAT GENERATION\n1., {share}, {speed}\n*CONTACT PAIR"
+    aside = "".join(f"{name}, 1, 1, .0002\n" for name in ("UPPER_Z1", "UPPER_Z0"))
+    for before, after in (
+        ("*CONTACT PAIR", rubbed),
+        ("UPPER_Z1, 1, 2\nUPPER_Z0, 1, 2", "UPPER_Z1, 2, 2\nUPPER_Z0, 2, 2"),
+        ("UPPER_Z1, 3, 3, -.02\n", "UPPER_Z1, 3, 3, -.02\n" + aside),
+        ("STEADY STATE\n1., 1.", "STEADY STATE\n0.1, 1."),
+    ):
+        text = text.replace(before, after)
+    return text
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_heat_of_friction_is_that_of_calculix(share, tmp_path):
+    """`*GAP HEAT GENERATION`; it takes heat from the iteration before, so at a low speed, at which
+    the share moves flows by 4 %.
+    """
+    scene, _ = started(tmp_path, deck(0.0))
+    flow = "*NODE PRINT, NSET={}, TOTALS=ONLY\nRFL"
+    asked_for = "\n".join(flow.format(name) for name in ("LOWER_Z0", "UPPER_Z1"))
+    rows = run_calculix(tmp_path, sliding_deck(share), asked_for)
+    if not rows:
+        pytest.skip("ccx, CalculiX, is not installed")
+    both = ("LOWER", "UPPER")
+    heat = hhr.Heat(
+        conductivity=dict.fromkeys(both, CONDUCTIVITY),
+        conductance={0: 20.0},
+        expansion=dict.fromkeys(both, EXPANSION),
+        temperatures=[
+            hhr.FixedTemperature("LOWER_Z0", COLD),
+            hhr.FixedTemperature("UPPER_Z1", WARM),
+        ],
+        sliding={0: hhr.SlidingHeat(0.3, 20.0, share)},
+    )
+    outputs = hhr.condense_heat(scene, heat).solve(scene.parameters.middle).outputs()
+    made, flow = outputs["friction heat 0"], outputs["heat 0"]
+    # UPPER_BOTTOM is the first surface, and the slave there
+    assert rows[-2][0] == pytest.approx(-((1 - share) * made + flow), rel=4e-3)
+    assert rows[-1][0] == pytest.approx(flow - share * made, rel=4e-3)

@@ -6,37 +6,17 @@ import numpy as np
 import pytest
 from mpirun import launch, run_program
 from needs import needs, present
+from numbers_of_ranks import assert_same, numbers_of_ranks
 from processes import SCENE_FOLDERS
 
 PROGRAM = """
-import dataclasses, json, sys, warnings, weakref
-sys.path[:0] = {folders!r}
-from needs import present
-import numpy as np
-import contact_patch_test as patch
-import hertz_half_discs as demo
-import scale
-import sphere_on_block
-from mpi4py import MPI
-from scenes import pressed_block
-from scipy.sparse import csc_matrix
-import hhr_dolfinx as hhr
-from hhr_dolfinx.certify.compare import compare_points
-from hhr_dolfinx.errors import HHRError
-from hhr_dolfinx.models import full as limits
-from hhr_dolfinx.linear import factors, sparse
-out, pairing = {{}}, hhr.Mortar if present("mortar") else hhr.NodeToSurface
-def note(name, answer):
-    out[f"{{name}}, forces"] = answer.forces().tolist()
-    out[f"{{name}}, norm"] = float(np.linalg.norm(answer.displacement()))
-
 full_order = hhr.FullOrderModel(demo.scene())
 for mu in (0.15, 0.3123, 0.45):
     note(mu, full_order.solve(mu))
 snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([31]))
 reduction = hhr.build(full_order, snapshots, demo.THESIS)
 
-comm, problem = full_order.comm, full_order.problem
+problem = full_order.problem
 whole = problem.gathered(comm)
 def ordered(problem):
     "Dofs in an order of the places, which is that of all ranks."
@@ -55,13 +35,6 @@ for name, parts in (("stiffness", problem.stiffness_terms), ("mass", (problem.no
     out[f"share of {{name}}"] = comm.allgather(sum(part.nnz for part in parts) / entries)
 out["rows"] = comm.allgather((problem.rows.start, problem.rows.stop, problem.whole))
 out["whole"] = comm.allgather((whole.whole, whole is problem, full_order.gathered() is full_order))
-
-def said(action):
-    try:
-        action()
-    except HHRError as error:
-        return f"{{type(error).__name__}}: {{error}}"
-    return "nothing"
 
 held = {{
     "build": lambda: hhr.build(full_order.gathered(), snapshots, demo.THESIS),
@@ -149,108 +122,22 @@ for name, scene in scenes.items():
     }}
 """
 
-OF_PLUGINS = {
-    "moduli": """
-# what is made of a training on one full model of all ranks
-together = hhr.train(scale.scene((5, 3), (4, 2)), hhr.Sobol(6), held_out=0, together=True)
-note("trained", together.condense().solve(together.full_order.parameters.random(1, 5)[0]))
-""",
-    "inelastic mortar": """
-import flowing as pellets
-import indentation
-import pellet_cladding_plastic as pellet
-from hhr_dolfinx.forms import laws as forms
-@dataclasses.dataclass(frozen=True)
-class Brittle(hhr.Law):
-    "Elasticity that breaks off where stresses are large."
-    most: float
-    def statement(self, at):
-        stress = forms.hooke(at.strain, at.constants)
-        limit = at.constants.most - forms.equivalent(forms.deviator(stress))
-        return forms.Stated(stress, limit=limit, reason="it breaks")
-
-# bodies that flow: ranks share the factors; a history goes on behind what one of them has kept
-flowing = hhr.FullOrderModel(indentation.scene(6))
-low, high = np.array([flowing.parameters.lower, flowing.parameters.upper])
-path = [(float(k), low + share * (high - low)) for k, share in enumerate((0.0, 0.5, 1.0))]
-path = [(time, np.append(point[:1], (low + high)[1:] / 2)) for time, point in path]
-for search in ("elastic", "tangent"):
-    history = flowing.march(path, hhr.MarchSettings(search=search))
-    out[f"flowed {{search}}"] = history.answers[-1].forces().tolist()
-    out[f"plastic {{search}}"] = float(np.linalg.norm(history.answers[-1].plastic_strain()))
-shared = hhr.SnapshotStore(f"{folder}/shared {{comm.size}}", flowing)
-for steps in (2, 3):
-    kept_steps = hhr.compute_snapshots(flowing, [path[:steps]], store=shared)
-out["goes on"] = kept_steps.histories[0].answers[-1].forces().tolist()
-out["steps found"] = comm.bcast(shared.found)
-# creep beside plasticity, in parts of steps too, and a modulus that is a parameter: each rank has
-# some of the points
-creeping = pellets.flowing_full()
-asked = {{"creeps": {{"time_error": True}}, "creeps in parts": {{"time_tolerance": 0.02}}}}
-for name, settings in asked.items():
-    history = creeping.march(pellet.path(5.0, 4), hhr.MarchSettings(**settings))
-    last = history.answers[-1]
-    fields = last.forces(), last.stress(), last.plastic_strain()
-    out[name] = [float(np.linalg.norm(item)) for item in fields]
-    parts = [answer.parts for answer in history.answers]
-    out[name + ", errors"] = [*history.time_error.tolist(), *parts]
-    out[name + ", points"] = list(last.stress().shape)
-softer = hhr.FullOrderModel(indentation.scene(6, young="E"))
-ends = np.array([softer.parameters.lower, softer.parameters.upper])
-rest = ends.mean(axis=0)[1:] * 1.1
-away = [(float(k), np.append(share * ends[1, :1], rest)) for k, share in enumerate((0.0, 1.0))]
-out["softer"] = softer.march(away).answers[-1].forces().tolist()
-# a law that breaks off on a rank
-plain = indentation.scene(6)
-bodies = plain.bodies[0], dataclasses.replace(plain.bodies[1], law=Brittle(100.0))
-broken = hhr.FullOrderModel(dataclasses.replace(plain, bodies=bodies))
-out["brittle"] = comm.allgather(said(lambda: broken.march(path)))
-""",
-    "friction": """
-import fretting
-points = (0.0, 0.0, 0.3), (0.004, 0.0, 0.3), (0.004, 0.0013, 0.3), (0.004, -0.001, 0.3)
-for answer in hhr.FullOrderModel(fretting.scene(24)).march(list(enumerate(points))).answers:
-    out[f"rubbed {{answer.time}}"] = answer.forces().tolist()
-    out[f"slipped {{answer.time}}"] = answer.slip.path.tolist()
-""",
-}
-"""What ranks do with bodies and contacts of plug-ins."""
-SHOWN = """
-if comm.rank == 0:
-    print(json.dumps(out))
-"""
-
-
 ELSEWHERE = {
     *("left over", "share of stiffness", "share of mass", "rows", "whole", "said", "kept"),
-    *("nearly incompressible", "brittle"),
+    "nearly incompressible",
 }
 """What has a test of its own."""
 
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
-    folder = str(tmp_path_factory.mktemp("snapshots"))
-    parts = (
-        PROGRAM,
-        *(part for plugins, part in OF_PLUGINS.items() if present(*plugins.split())),
-        SHOWN,
-    )
-    program = "".join(parts).format(folders=SCENE_FOLDERS, folder=folder)
-    return {
-        ranks: json.loads(launch(ranks, ["-c", program]).splitlines()[-1]) for ranks in (1, 2, 3)
-    }
+    return numbers_of_ranks(tmp_path_factory.mktemp("snapshots"), PROGRAM)
 
 
 @needs("nonmatching")
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_ranks_do_not_change_the_answer(found, ranks):
-    """Round-off only: 1e-10, since the factorisations order their sums differently."""
-    serial, parallel = found[1], found[ranks]
-    assert parallel.keys() == serial.keys()
-    for name in serial.keys() - ELSEWHERE:
-        value = serial[name]
-        assert parallel[name] == pytest.approx(value, rel=1e-10, abs=1e-10 * np.max(np.abs(value)))
+    assert_same(found[1], found[ranks], ELSEWHERE)
 
 
 @needs("nonmatching")
@@ -300,19 +187,6 @@ def test_what_needs_all_rows_says_so_on_every_rank(found, ranks):
     )
     assert all("give the communicator of its model" in text for text in said["wrong ranks"])
     assert all(texts == ["nothing"] for texts in found[1]["said"].values())
-
-
-@needs("inelastic", "mortar")
-@pytest.mark.parametrize("ranks", [1, 2, 3])
-def test_a_law_that_fails_on_one_rank_fails_on_all(found, ranks):
-    brittle = found[ranks]["brittle"]
-    assert len(brittle) == ranks
-    for text in brittle:
-        assert (
-            text.startswith("ConvergenceError: step 1 to t = 1 s")
-            and "Brittle has no answer at" in text
-        )
-        assert "it breaks" in text
 
 
 @needs("nonmatching")

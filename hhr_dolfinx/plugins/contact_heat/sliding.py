@@ -1,0 +1,83 @@
+"""Heat that contact forces make where surfaces slide."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx.formulas import IMAGINARY_STEP
+from hhr_dolfinx.plugins.contact_heat.newton import CoupledContact, SlidingResponse
+from hhr_dolfinx.plugins.contact_heat.parts import SlidingParts
+
+
+class PerHeat(NamedTuple):
+    """Effects of heat of the conditions that slide, per power of each (g of m conditions)."""
+
+    slack: np.ndarray  #: (m, g)
+    jump: np.ndarray  #: of the temperature, first surface less second, (m, g)
+    supplied: np.ndarray  #: heat to each body that contact alone feeds, (b, g)
+
+
+class Sliding:
+    """Heat per force of the conditions that slide (g of m, P parameters).
+
+    Args:
+        parts: its data; None where no surface slides.
+        pairs: contact of each condition, (m,).
+    """
+
+    def __init__(self, parts: SlidingParts | None, pairs: np.ndarray):
+        self._parts = parts
+        self.conditions = np.zeros(0, dtype=np.int64) if parts is None else parts.conditions
+        self._pairs = pairs[self.conditions]
+
+    def factors(self, point: np.ndarray) -> np.ndarray:
+        """Heat of each condition over its force, (g,).
+
+        Args:
+            point: parameter of the user, (P,).
+        """
+        return np.real(self._at(point))
+
+    def derivatives(self, point: np.ndarray) -> np.ndarray:
+        """Derivatives of the factors along the parameters, (g, P).
+
+        Args:
+            point: parameter of the user, (P,).
+        """
+        steps = 1j * IMAGINARY_STEP * np.eye(point.size)
+        columns = [np.imag(self._at(point + step)) / IMAGINARY_STEP for step in steps]
+        return np.array(columns).reshape(point.size, -1).T
+
+    def _at(self, point: np.ndarray) -> np.ndarray:
+        found = np.zeros(self.conditions.size, dtype=point.dtype)
+        if self._parts is None:
+            return found
+        for contact, scalar in zip(self._parts.contacts, self._parts.factors, strict=True):
+            rows = self._pairs == contact
+            values = dict(zip(scalar.names, (*point, *self._parts.places[rows].T), strict=True))
+            found[rows] = scalar.formula(values)
+        return found
+
+    def added(
+        self, contact: CoupledContact, per_heat: PerHeat, point: np.ndarray
+    ) -> CoupledContact:
+        """The problem with the heat that its forces make.
+
+        Args:
+            contact: the problem without.
+            per_heat: effects of this heat.
+            point: parameter of the user, (P,).
+        """
+        factors = self.factors(point)
+        if not factors.any():
+            return contact
+        size = contact.slack.size
+        schur = contact.schur.copy()
+        schur[:, self.conditions] += per_heat.slack * factors
+        jump = np.zeros((size, size))
+        jump[:, self.conditions] = per_heat.jump * factors
+        supplied = np.zeros((len(per_heat.supplied), size))
+        supplied[:, self.conditions] = per_heat.supplied * factors
+        return contact._replace(schur=schur, sliding=SlidingResponse(jump, supplied))
