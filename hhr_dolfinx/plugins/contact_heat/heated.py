@@ -19,7 +19,7 @@ from hhr_dolfinx.models.functionals.functional import Outputs
 from hhr_dolfinx.plugins.contact_heat.heat import GAP_NAME, PRESSURE_NAME
 from hhr_dolfinx.plugins.contact_heat.newton import CoupledChanges, CoupledContact, CoupledSolution
 from hhr_dolfinx.plugins.contact_heat.parts import HeatParts
-from hhr_dolfinx.plugins.contact_heat.sliding import PerHeat, Sliding
+from hhr_dolfinx.plugins.contact_heat.sliding import FrictionSources, PerHeat
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -76,7 +76,7 @@ class HeatedModel:
         self._jumps = conduction.jumps[:m] @ conduction.temperatures
         self._compliance = fallen[:, :m]
         self._levels = levels[:m]
-        self._sliding = Sliding(parts.sliding, self.pairs)
+        self._sliding = FrictionSources(parts.sliding, self.pairs)
         self._per_sliding = PerHeat(per_friction, -fallen[:, m:], -levels[m:].T)
 
     @property

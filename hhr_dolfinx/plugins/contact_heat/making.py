@@ -38,7 +38,7 @@ from hhr_dolfinx.plugins.contact_heat.parts import (
     SlidingParts,
     TransientParts,
 )
-from hhr_dolfinx.plugins.contact_heat.sliding import Sliding
+from hhr_dolfinx.plugins.contact_heat.sliding import FrictionSources
 from hhr_dolfinx.plugins.contact_heat.thermal_loads import (
     FLOW,
     LEVEL,
@@ -241,7 +241,7 @@ class _Prepared:
 
     def _check_factors(self, parts: SlidingParts) -> None:
         """Refuse friction that is negative, or friction and speeds that are no numbers."""
-        sliding = Sliding(parts, self.full.problem.contact_pairs)
+        sliding = FrictionSources(parts, self.full.problem.contact_pairs)
         for point in box_samples(self.scene.parameters):
             factors = sliding.factors(point)
             if not np.isfinite(factors).all() or (factors < 0).any():

@@ -19,7 +19,7 @@ class PerHeat(NamedTuple):
     supplied: np.ndarray  #: heat to each body that contact alone feeds, (b, g)
 
 
-class Sliding:
+class FrictionSources:
     """Heat per force of the conditions that slide (g of m, P parameters).
 
     Args:
