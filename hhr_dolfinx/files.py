@@ -203,6 +203,20 @@ def read_arrays(
     return header, arrays
 
 
+def format_of(path: str | Path) -> str:
+    """Format that the header of a file from :func:`write_arrays` names; nothing of other files.
+
+    Args:
+        path: the file.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as members:
+            named = json.loads(members["header"].item())["format"]
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+        return ""
+    return named if isinstance(named, str) else ""
+
+
 NUMBER_KINDS = {"<f8": "float", "<f4": "float", "<i8": "int", "<i4": "int", "|b1": "bool"}
 """Kinds of numbers of arrays in files, by their names in numpy."""
 _UTF8 = 0x800

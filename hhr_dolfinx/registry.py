@@ -39,6 +39,7 @@ SHARED_NAMES = (
     "answers",
     "tools",
     "readers",
+    "formats",
     "switches",
 )
 """Mappings of manifests in which a name has one meaning for all plug-ins."""
@@ -141,6 +142,8 @@ class Plugin:
     #: places of readers of mesh files, ``(path) -> RawMesh`` of
     #: :mod:`hhr_dolfinx.geometries.raw_mesh`, by the ending
     readers: Mapping[str, str] = field(default=NOTHING)
+    #: places of functions ``(path) -> model`` that read model files, by the format in their header
+    formats: Mapping[str, str] = field(default=NOTHING)
     #: functions ``(draft, neutral) -> draft`` that add one capability to a small scene, of each
     #: module their names, as in ``public``; the plug-in ``conformance`` has the drafts
     switches: Mapping[str, str] = field(default=NOTHING)

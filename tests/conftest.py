@@ -57,6 +57,7 @@ NEEDING = {
     "plugins/baselines/test_naive.py": ("elasticity",),
     "plugins/local_models/test_subspaces.py": ("theorems",),
     "plugins/contact_heat/test_heated_rod.py": ("studies",),
+    "plugins/contact_heat/test_heat_in_c.py": ("exporters",),
     "core/test_outputs.py": ("stress", "elasticity"),
     "plugins/exact_errors/test_fitted_forces.py": ("paths", "contact_laws"),
     "plugins/exact_errors/test_output_bounds.py": ("stress",),

@@ -8,9 +8,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.by_name import find
 from hhr_dolfinx.errors import FileError, ParameterError, SceneError
-from hhr_dolfinx.files import replacing
+from hhr_dolfinx.files import format_of, replacing
 from hhr_dolfinx.parameters import ParameterSpace
 
 if TYPE_CHECKING:
@@ -190,6 +191,20 @@ def model_of(path: str | Path, known: Iterable[str] = ()) -> Any:
                 "law.py:MyLaw"
             )
     return load_model(path, known=classes)
+
+
+def any_model_of(path: str | Path, known: Iterable[str] = ()) -> Any:
+    """Model of a file, of a format of a plug-in too.
+
+    Args:
+        path: the file.
+        known: see :func:`model_of`.
+
+    Raises:
+        SceneError: see :func:`model_of`.
+    """
+    place = registry.named("formats").get(format_of(path))
+    return model_of(path, known) if place is None else registry.load(place)(path)
 
 
 def checked_target(path: Path | None, endings: tuple[str, ...]) -> None:

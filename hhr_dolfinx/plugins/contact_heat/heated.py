@@ -95,6 +95,40 @@ class HeatedModel:
         return self._sliding.conditions
 
     @property
+    def flow_outputs(self) -> list[str]:
+        """Names of the outputs of heat, after those of the scene."""
+        through = [f"heat {k}" for k in self.conductances]
+        return through + [f"friction heat {k}" for k in self.sliding]
+
+    @property
+    def coupling(self) -> dict[str, np.ndarray]:
+        """Matrices of contact and heat by name, for other languages (m conditions, b bodies)."""
+        return {
+            "areas": self._areas,
+            "compliances": np.diag(self._schur),
+            "per_heat": self._per_heat,
+            "compliance": self._compliance,
+            "levels": self._levels,
+            "jumps": self._jumps,
+            "supplied": self.conduction.supplied,
+            "slack_by_friction": self._per_sliding.slack,
+            "jump_by_friction": self._per_sliding.jump,
+            "supplied_by_friction": self._per_sliding.supplied,
+        }
+
+    def header_in_c(self, name: str) -> tuple[str, dict[str, Any]]:
+        """Text of a C header, and its names and ends, see
+        :func:`hhr_dolfinx.plugins.exporters.c_header.c_header`.
+
+        Args:
+            name: identifier in C that the names of the header begin with.
+        """
+        from hhr_dolfinx.plugins.contact_heat.c_code import HeatData, heat_header
+
+        data = HeatData(self.parts, self.pairs, self.flow_outputs, self.coupling)
+        return heat_header(data, name)
+
+    @property
     def contacts(self) -> set[int]:
         """Numbers of the contacts that have conditions."""
         return set(self.pairs.tolist())

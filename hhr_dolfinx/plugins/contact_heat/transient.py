@@ -91,6 +91,25 @@ class TransientHeatModel(HeatedModel):
             f"{self.rates.size} modes, {len(self.parameters.names)} parameters>"
         )
 
+    @property
+    def coupling(self) -> dict[str, np.ndarray]:
+        """Matrices of contact, heat flows and modes by name, for other languages."""
+        m = self.conditions
+        return super().coupling | {
+            "levels": np.zeros((m, 0)),
+            "supplied": np.zeros((0, self._jumps.shape[1])),
+            "supplied_by_friction": np.zeros((0, 0)),
+            "per_heat": self._per_heat[:, :m],
+            "rates": self.rates,
+            "grown": self.transient.grown,
+            "drained": self.transient.drained,
+            "given": self._given,
+            "flowing": self._flowing,
+            "slack_by_mode": self._per_heat[:, m:],
+            "jump_by_mode": self._levels,
+            "uniform": self._reading.sum(axis=1),
+        }
+
     def march(
         self, points: Points, times: Times, start: Start, *, raise_on_failure: bool = True
     ) -> list[HeatAnswer]:

@@ -8,9 +8,10 @@ the code.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 
@@ -47,13 +48,13 @@ RECORDS = {
 """Types of the records of a kernel, by their names."""
 
 
-def write_c_header(path: str | Path, model: KeptModel) -> Path:
+def write_c_header(path: str | Path, model: KeptModel | OwnHeader) -> Path:
     """Write a condensed model as a C header; its names begin with that of the file.
 
     Args:
         path: of the header, ``.h``; its stem must be an identifier of C.
         model: of ``hhr.condense``, ``hhr.reduce`` or a file: elastic or condensed inelastic, with
-            friction or without.
+            friction or without; of ``hhr.condense_heat``.
 
     Returns:
         The path.
@@ -71,12 +72,27 @@ def write_c_header(path: str | Path, model: KeptModel) -> Path:
     return Path(path)
 
 
-def c_header(model: KeptModel, name: str) -> tuple[str, Tree]:
+@runtime_checkable
+class OwnHeader(Protocol):
+    """A model of a plug-in that is more than contact, and writes its own header."""
+
+    def header_in_c(self, name: str) -> tuple[str, Tree]:
+        """Text of a header, and its names and ends, see :func:`c_header`.
+
+        Args:
+            name: identifier in C that the names of the header begin with.
+        """
+
+
+def c_header(
+    model: KeptModel | OwnHeader, name: str, *, bounded: int | None = None
+) -> tuple[str, Tree]:
     """Text of a header in C, and the tree that it is made from.
 
     Args:
         model: a condensed model.
         name: identifier in C that the names of the header begin with.
+        bounded: number of the first parameters that have ends; None for all.
 
     Raises:
         NotOfferedError: if the name is no identifier of C, for a model that has no header, or one
@@ -86,9 +102,16 @@ def c_header(model: KeptModel, name: str) -> tuple[str, Tree]:
         raise NotOfferedError(
             f"{name!r} is no identifier of C, from which names of the header are made: name it else"
         )
+    if isinstance(model, OwnHeader):
+        return model.header_in_c(name)
     check_model(model, "a header")
     arrays = Packed()
     tree = contact_tree(model, arrays)
+    if bounded is not None:
+        free = len(tree["names"]) - bounded
+        largest = sys.float_info.max
+        tree["lower"][bounded:] = [-largest] * free
+        tree["upper"][bounded:] = [largest] * free
     if tree["flow"]:  # a page may store it with fewer digits
         arrays.put(tree["flow"]["per_force"], cast("CondensedFlowModel", model).flow.per_force)
     count = sum(array.size for array in arrays.arrays.values())
@@ -110,11 +133,61 @@ def c_header(model: KeptModel, name: str) -> tuple[str, Tree]:
         "MODEL_TITLE", name
     )
     text = text.replace("/*DATA*/", _Data(tree, arrays.arrays).text())
-    prefixes = {"model_": f"{name}_", "MODEL_": f"{name.upper()}_"}
-    # quoted texts are names of the scene
+    return prefixed(text, {"model": name}), tree
+
+
+def prefixed(text: str, names: Mapping[str, str]) -> str:
+    """Code whose names begin otherwise; quoted texts are names of the scene, and stay.
+
+    Args:
+        text: the code.
+        names: beginnings before an underscore, ``model`` and ``MODEL`` for instance by ``model``.
+    """
+    prefixes = {f"{old}_": f"{new}_" for old, new in names.items()}
+    prefixes |= {f"{old}_".upper(): f"{new}_".upper() for old, new in names.items()}
+    beginnings = "|".join(prefixes)
     return re.sub(
-        r'"[^"\n]*"|\b(?:model_|MODEL_)', lambda found: prefixes.get(found[0], found[0]), text
-    ), tree
+        rf'"[^"\n]*"|\b(?:{beginnings})', lambda found: prefixes.get(found[0], found[0]), text
+    )
+
+
+def declared_array(name: str, values: np.ndarray) -> str:
+    """Declaration of an array of numbers.
+
+    Args:
+        name: after the beginning ``model_``.
+        values: the numbers, row by row; one zero stands for none.
+    """
+    integer = values.dtype.kind in "iu"
+    convert: Callable[[Any], str] = str if integer else repr
+    numbers = list(map(convert, values.ravel().tolist())) or ["0"]
+    lines = [", ".join(numbers[k : k + 8]) for k in range(0, len(numbers), 8)]
+    return (
+        f"static const {'int' if integer else 'double'} model_{name}[] = {{\n"
+        + ",\n".join(lines)
+        + "};"
+    )
+
+
+def declared_texts(name: str, texts: Sequence[str]) -> str:
+    """Declaration of names or units.
+
+    Args:
+        name: after the beginning ``model_``.
+        texts: the names.
+    """
+    quoted = ", ".join(_quoted(text) for text in texts) or "0"
+    return f"static const char *const model_{name}[] = {{{quoted}}};"
+
+
+def declared_function(name: str, steps: Steps) -> str:
+    """Declaration of a formula of parameters ``p``.
+
+    Args:
+        name: its whole name.
+        steps: see :func:`formula`.
+    """
+    return f"static double {name}(const double *p) {{ (void)p; return {formula(steps)}; }}"
 
 
 def box_of(tree: Tree) -> tuple[np.ndarray, np.ndarray]:
@@ -182,9 +255,7 @@ class _Data:
             "output_names": [output["name"] for output in tree["outputs"]],
             "output_units": [output["unit"] for output in tree["outputs"]],
         }
-        for name, values in words.items():
-            quoted = ", ".join(_quoted(value) for value in values) or "0"
-            yield f"static const char *const model_{name}[] = {{{quoted}}};"
+        return [declared_texts(name, values) for name, values in words.items()]
 
     def _declared(self, name: str, value: Any) -> str:
         """Declaration of an array, of a record or of several."""
@@ -194,22 +265,10 @@ class _Data:
             nothing = "{0}" if name == "moduli" else "{.count = 0}"
             records = ",\n".join(self._record(record) for record in value) or nothing
             return f"static const model_{RECORDS[name]} model_{name}[] = {{{records}}};"
-        return self._array(name, np.zeros(1) if value is None else self._values(value))
+        return declared_array(name, np.zeros(1) if value is None else self._values(value))
 
     def _values(self, value: str | np.ndarray) -> np.ndarray:
         return self.arrays[value] if isinstance(value, str) else value
-
-    def _array(self, name: str, values: np.ndarray) -> str:
-        integer = values.dtype.kind in "iu"
-        numbers = [str(value) if integer else repr(value) for value in values.ravel().tolist()] or [
-            "0"
-        ]
-        lines = [", ".join(numbers[k : k + 8]) for k in range(0, len(numbers), 8)]
-        return (
-            f"static const {'int' if integer else 'double'} model_{name}[] = {{\n"
-            + ",\n".join(lines)
-            + "};"
-        )
 
     def _record(self, record: Struct) -> str:
         """Initialiser of a record; its arrays and functions are declared separately."""
@@ -236,10 +295,10 @@ class _Data:
                 key, lambda name: f"static const model_function {name}[] = {{{names}}};"
             )
         if isinstance(value, str):
-            self.parts[value] = self._array(value, self.arrays[value])
+            self.parts[value] = declared_array(value, self.arrays[value])
             return f"model_{value}"
         if isinstance(value, np.ndarray):
-            return self._put(key, lambda name: self._array(name.removeprefix("model_"), value))
+            return self._put(key, lambda name: declared_array(name.removeprefix("model_"), value))
         return "HUGE_VAL" if value == np.inf else repr(value)
 
     def _put(self, key: str, declared: Callable[[str], str]) -> str:
@@ -252,11 +311,7 @@ class _Data:
         """Declare a function of the parameters; returns its name in C."""
         if steps is None:
             return "0"
-        text = formula(steps)
-        return self._put(
-            "formula",
-            lambda name: f"static double {name}(const double *p) {{ (void)p; return {text}; }}",
-        )
+        return self._put("formula", lambda name: declared_function(name, steps))
 
 
 def _quoted(text: str) -> str:

@@ -29,17 +29,18 @@ EMBEDDED = (".h", ".fmu")
 @KNOWN_OPTION
 @guarded
 def embed(model: Path, out: Path, known: tuple[str, ...]) -> None:
-    """Write a condensed model as a header of C, or as a unit for co-simulation (FMI 3.0).
+    """Write a condensed model, or one with heat, as a header of C, or as a unit for co-simulation
+    (FMI 3.0).
 
     The header holds the numbers of the model and solves the contact problem, without a library.
     Parameters are inputs of a unit, outputs of the scene its outputs; it is compiled here, for this
     machine, and holds its sources. With friction in the plane a step is an increment from where the
     unit is.
     """
-    from hhr_dolfinx.command.loading import checked_target, model_of
+    from hhr_dolfinx.command.loading import any_model_of, checked_target
 
     checked_target(out, EMBEDDED)
-    loaded = model_of(model, known)
+    loaded = any_model_of(model, known)
     if out.suffix == ".h":
         from hhr_dolfinx.plugins.exporters.c_header import write_c_header as write
     else:

@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 
 from hhr_dolfinx.errors import MissingPackageError, NotOfferedError
 from hhr_dolfinx.files import replacing
-from hhr_dolfinx.plugins.exporters.c_header import Tree, box_of, c_header
+from hhr_dolfinx.plugins.exporters.c_header import OwnHeader, Tree, box_of, c_header
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 
@@ -31,7 +31,7 @@ _SYSTEMS = {"Linux": ("linux", ".so"), "Darwin": ("darwin", ".dylib")}
 _MACHINES = {"arm64": "aarch64", "AMD64": "x86_64"}
 
 
-def write_fmu(path: str | Path, model: KeptModel, compiler: str = "cc") -> Path:
+def write_fmu(path: str | Path, model: KeptModel | OwnHeader, compiler: str = "cc") -> Path:
     """Write a condensed model as an FMU.
 
     Args:
