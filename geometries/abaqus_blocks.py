@@ -40,8 +40,10 @@ _COUNTS = {
 """Kinds of cells by dimension and number of nodes."""
 
 
-LOADED = ("BOUNDARY", "CLOAD", "DLOAD")
-"""Supports and loads that may give nodes or elements by numbers."""
+FACE_LETTERS = {"DLOAD": "P", "DFLUX": "S", "FILM": "F"}
+"""Letters before the number of a face, by the keyword of loads and heat on faces of elements."""
+LOADED = ("BOUNDARY", "CLOAD", *FACE_LETTERS)
+"""Supports, loads and heat that may give nodes or elements by numbers."""
 COUPLED = ("EQUATION", "MPC", "RIGID BODY", "DISTRIBUTING COUPLING")
 """Constraints that may give nodes by numbers or elements."""
 STRIDE = 10**10
@@ -343,10 +345,11 @@ def name_loaded(deck: DeckContents, block: str, rows: list[list[str]]) -> None:
         rows: words of the data lines of the block.
     """
     for first, *row in rows:
-        if block.startswith("DLOAD:") and re.fullmatch(r"[Pp]\d", row[0] if row else ""):
+        keyword = block.partition(":")[0]
+        if row and is_face(keyword, row[0].upper()):
             name = deck.named("surface", name_of_loaded(block, row))
             deck.faces.setdefault(name, []).append((first, f"S{row[0][1]}"))
-        elif not block.startswith("DLOAD:") and first.isdigit():
+        elif keyword not in FACE_LETTERS and first.isdigit():
             deck.node_sets.setdefault(deck.named("nset", name_of_loaded(block, row)), []).append(
                 int(first)
             )
@@ -401,6 +404,17 @@ def name_coupled(
         deck.node_sets[deck.named("nset", block)] = sorted(
             {n for node_list in node_lists for n in node_list} - pilot
         )
+
+
+def is_face(keyword: str, label: str) -> bool:
+    """True for a load or heat on a face of elements.
+
+    Args:
+        keyword: of the block, in capitals.
+        label: of the load, in capitals.
+    """
+    letter = FACE_LETTERS.get(keyword)
+    return letter is not None and re.fullmatch(rf"{letter}\d", label) is not None
 
 
 def name_of_loaded(block: str, load: Sequence[str]) -> str:

@@ -25,6 +25,8 @@ class DeckMaterial:
     law: str = ""  #: law in addition to elasticity as text of Python, empty for an elastic material
     expansion: float | None = None  #: coefficient of linear expansion
     density: float | None = None  #: mass per volume
+    conductivity: float | None = None  #: of heat
+    specific_heat: float | None = None  #: heat per mass and temperature
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,18 @@ class Pair:
     limit: float = math.inf  #: largest shear stress of friction
     curve: str = ""  #: soft contact as text of Python, empty for hard contact
     overwrites: bool = False
+    conductance: str = ""  #: of heat, as text of Python; empty for none
+    sliding: str = ""  #: heat of friction as text of Python; empty for none
+
+
+@dataclass(frozen=True)
+class DeckHeat:
+    """Heat in the bodies of a deck, at the end of its last step."""
+
+    temperatures: tuple[DeckLoad, ...]  #: fixed ones
+    supplies: tuple[DeckLoad, ...]  #: fluxes, sources and convection
+    starts: Mapping[Tag, float]  #: initial temperature of each body, without thermal strain
+    seconds: float  #: duration of the last step; 0 of steady heat
 
 
 @dataclass(frozen=True)
@@ -122,6 +136,7 @@ class Deck:
     constraints: tuple[DeckLoad, ...] = ()
     cuts: tuple[str, ...] = ()  #: sections along which the mesh is cut
     history: DeckHistory | None = None  #: None where the end of the last step is all that counts
+    heat: DeckHeat | None = None  #: None where heat does not flow
     folded: bool = False  #: True for a mesh with folded cells of second order
     #: True if the file is a mesh without physics, for which supports and loads are proposed
     proposal: bool = False

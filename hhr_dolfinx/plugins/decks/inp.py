@@ -31,6 +31,7 @@ from hhr_dolfinx.plugins.decks.inp_contacts import is_tool, pairs_of, without_dr
 from hhr_dolfinx.plugins.decks.inp_couplings import coupled_of
 from hhr_dolfinx.plugins.decks.inp_equations import equations_of
 from hhr_dolfinx.plugins.decks.inp_gaps import gaps_of
+from hhr_dolfinx.plugins.decks.inp_heat import heat_of, is_heat, with_conductances
 from hhr_dolfinx.plugins.decks.inp_history import in_order, with_history
 from hhr_dolfinx.plugins.decks.inp_loads import loads_of
 from hhr_dolfinx.plugins.decks.inp_materials import materials_of
@@ -129,7 +130,8 @@ class _DeckParts:
         parts = self.parts
         nodes = self.nodes
         todo = list(self.left)
-        acting = self._without_tools(state)
+        heat = heat_of(blocks, state, self.sections, parts, nodes, todo)
+        acting = [row for row in self._without_tools(state) if not is_heat(row)]
         gaps, grounds = gaps_of(blocks, parts, nodes, state, todo)
         acting = [
             imposed
@@ -144,6 +146,8 @@ class _DeckParts:
         supports, loads = loads_of(merged(acting), parts, materials, self.thickness, todo, axis)
         loads += heated_of(blocks, acting, nodes, materials, todo)
         touching = (*pairs_of(blocks, parts, nodes, state, todo), *gaps)
+        if heat is not None:
+            touching = with_conductances(blocks, touching, todo)
         sides = any(not parts.named_in(pair.text) for pair in gaps)
         if not (touching or supports or constraints):
             raise SceneError(
@@ -165,6 +169,7 @@ class _DeckParts:
             tuple(bolt.name for bolt in self.cuts),
             sides=sides,
             contact_lost=not touching and len(stated) > len(tied_pairs(blocks)),
+            heat=heat,
         )
         flows = any(section.material.law for section in self.sections)
         return _with_20_nodes(with_springs(deck, parts) if touching and flows else deck, nodes)

@@ -1,4 +1,4 @@
-"""Materials of a deck: elasticity, plasticity, creep, expansion, density."""
+"""Materials of a deck: elasticity, plasticity, creep, expansion, density, heat."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.plugins.decks.deck import DeckMaterial, Left
 from hhr_dolfinx.plugins.decks.inp_steps import KeywordBlock
 
-PROPERTIES = ("ELASTIC", "PLASTIC", "CREEP", "EXPANSION", "DENSITY")
+SINGLE = ("EXPANSION", "DENSITY", "CONDUCTIVITY", "SPECIFIC HEAT")
+"""Keywords of properties with one number."""
+PROPERTIES = ("ELASTIC", "PLASTIC", "CREEP", *SINGLE)
 """Keywords that are read as properties of a material."""
 PLATEAU = 10.0
 """Plastic strain by which the last stress of a table is continued: decks keep it, and
@@ -49,9 +51,7 @@ def _material(name: str, properties: dict[str, KeywordBlock], todo: list[Left]) 
         if len(block.rows) > 1 and block.keyword != "PLASTIC":
             todo.append(block.left(f"'{name}' depends on temperature: its first line counts"))
     single = {
-        key: block.number(block.rows[0][0])
-        for key, block in properties.items()
-        if key in ("EXPANSION", "DENSITY")
+        key: block.number(block.rows[0][0]) for key, block in properties.items() if key in SINGLE
     }
     return DeckMaterial(
         name,
@@ -61,6 +61,8 @@ def _material(name: str, properties: dict[str, KeywordBlock], todo: list[Left]) 
         _law(properties, todo),
         single.get("EXPANSION"),
         single.get("DENSITY"),
+        single.get("CONDUCTIVITY"),
+        single.get("SPECIFIC HEAT"),
     )
 
 

@@ -14,11 +14,19 @@ from typing import NamedTuple
 import numpy as np
 
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.abaqus_blocks import name_of_loaded, number_of
+from hhr_dolfinx.geometries.abaqus_blocks import is_face, name_of_loaded, number_of
 from hhr_dolfinx.plugins.decks.deck import Left
 
-IMPOSING = ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "TEMPERATURE")
-"""Keywords of supports and loads."""
+HEATING = ("DFLUX", "DSFLUX", "FILM", "SFILM", "CFLUX")
+IMPOSING = ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "TEMPERATURE", *HEATING)
+"""Keywords of supports and loads, and of heat."""
+TIMED = (
+    "STATIC",
+    "VISCO",
+    "COUPLED TEMPERATURE-DISPLACEMENT",
+    "UNCOUPLED TEMPERATURE-DISPLACEMENT",
+)
+"""Keywords of steps with a duration."""
 _TYPES = {
     "ENCASTRE": tuple(range(6)),
     "PINNED": (0, 1, 2),
@@ -115,7 +123,8 @@ class Imposed:
     @property
     def unit(self) -> float:
         """Value of the row that the factor multiplies, 1 for a support or a force."""
-        index = {"DLOAD": 2, "DSLOAD": 2, "TEMPERATURE": 1}.get(self.block.keyword, len(self.row))
+        second = dict.fromkeys(("DLOAD", "DSLOAD", *HEATING), 2)
+        index = (second | {"TEMPERATURE": 1}).get(self.block.keyword, len(self.row))
         return self.block.value(self.row, index) if index < len(self.row) else 1.0
 
     def moves(self, dim: int) -> bool:
@@ -178,7 +187,7 @@ def steps_of(blocks: Sequence[KeywordBlock]) -> list[DeckStep]:
         step_blocks = blocks[first:last]
         start = end
         if first:
-            end += next(map(period_of, of_kind(step_blocks, "STATIC", "VISCO")), 1.0)
+            end += next(map(period_of, of_kind(step_blocks, *TIMED)), 1.0)
         steps.append(DeckStep(start, end, step_blocks))
     return steps
 
@@ -289,10 +298,10 @@ def _rows(
         components = (_component(block, word) - 1,)
         value = block.value(row, 2)
     else:
-        by_number = block.keyword == "DLOAD" and word[:1] == "P" and word[1:].isdigit()
+        by_number = is_face(block.keyword, word)
     target = name_of_loaded(f"{block.keyword}:{block.line}", row[1:]) if by_number else row[0]
     for component in components:
-        detail: Detail = word if block.keyword in ("DLOAD", "DSLOAD") else component
+        detail: Detail = word if block.keyword in ("DLOAD", "DSLOAD", *HEATING) else component
         if word == "GRAV":  # gravity along several directions adds up
             detail = (word, *block.numbers(row, 3))
         yield detail, Imposed(block, row, target, component, factor * value, value)
@@ -307,7 +316,7 @@ def _component(block: KeywordBlock, word: str) -> int:
 
 
 def period_of(block: KeywordBlock) -> float:
-    """Duration of a step by its *STATIC or *VISCO."""
+    """Duration of a step by its *STATIC, *VISCO or step of heat."""
     return (
         block.number(block.rows[0][1])
         if block.rows and len(block.rows[0]) > 1 and block.rows[0][1]

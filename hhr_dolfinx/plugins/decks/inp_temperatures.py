@@ -88,7 +88,7 @@ def distribution(path: Path, tag: Tag) -> tuple[np.ndarray, np.ndarray]:
     points = np.array(
         [
             [nodes.point(number) for number in numbers[: CORNERS[kind]]]
-            for kind, numbers in _cells(nodes, tag)
+            for kind, numbers in cells_of(nodes, tag)
         ]
     )
     return points, _fractions(rise_of(blocks, imposed_of(blocks), nodes), nodes, tag)
@@ -106,7 +106,7 @@ def _at_corners(nodes: DeckNodes, tag: Tag, rise: Mapping[int, float]) -> np.nda
     In cells of second order they are those of the linear function that is nearest to the quadratic
     one, of equal mean: linear strains feel no difference, and CalculiX does so in C3D20.
     """
-    cells = _cells(nodes, tag)
+    cells = cells_of(nodes, tag)
     if not cells:
         return np.zeros((0, 0))
     kind = cells[0][0]
@@ -124,8 +124,13 @@ def _at_corners(nodes: DeckNodes, tag: Tag, rise: Mapping[int, float]) -> np.nda
     return linear
 
 
-def _cells(nodes: DeckNodes, tag: Tag) -> list[tuple[str, list[int]]]:
-    """Kinds of the cells of a body, and numbers of their nodes."""
+def cells_of(nodes: DeckNodes, tag: Tag) -> list[tuple[str, list[int]]]:
+    """Kinds of the cells of a body, and numbers of their nodes.
+
+    Args:
+        nodes: nodes of the deck by number.
+        tag: name of the body.
+    """
     deck = nodes.deck
     elements = deck.element_sets.get(str(tag).upper(), deck.elements if tag == "all" else ())
     most = max((DIMENSION.get(kind, 0) for kind, _ in deck.elements.values()), default=0)

@@ -180,6 +180,12 @@ _OF_MATERIALS = {
         {"USER": _USER},
     ),
     "DENSITY": left_options(read_options(), DEPENDENCIES=_FIRST_LINE),
+    "CONDUCTIVITY": left_options(
+        read_options("", "TYPE=ISO|TYPE=ISOTROPIC"),
+        **{"TYPE=*": "its first number counts in all directions"},
+        DEPENDENCIES=_FIRST_LINE,
+    ),
+    "SPECIFIC HEAT": left_options(read_options(), DEPENDENCIES=_FIRST_LINE),
 }
 _OF_BODIES = {
     "SOLID SECTION": out_options(
@@ -244,6 +250,10 @@ _OF_CONTACT = {
         ),
     ),
     "GAP": read_options("ELSET"),
+    "GAP CONDUCTANCE": out_options(
+        left_options(read_options("PRESSURE"), DEPENDENCIES=_FIRST_LINE), {"USER": _USER}
+    ),
+    "GAP HEAT GENERATION": out_options(read_options(), {"USER": _USER}),
     "CLEARANCE": out_options(
         read_options("MASTER|SLAVE|VALUE|CPSET"),
         {
@@ -344,6 +354,17 @@ _OF_LOADS = {
         },
     ),
 }
+_OF_LOADS |= {
+    name: out_options(
+        left_options(
+            read_options("OP=NEW|OP=MOD|AMPLITUDE", "REGION TYPE"),
+            FILM_AMPLITUDE="coefficients are those of the file",
+            TIME_DELAY=_DELAY,
+        ),
+        {"USER": _USER},
+    )
+    for name in ("DFLUX", "DSFLUX", "FILM", "SFILM", "CFLUX")
+}
 _OF_LOADS["BOUNDARY"] = with_options(_OF_LOADS["BOUNDARY"], READ, {"FIXED": _FIXED})
 _OF_LOADS["DSLOAD"] = out_options(
     left_options(_OF_LOADS["DLOAD"], CONSTANT_RESULTANT="tractions are per area of the mesh"),
@@ -371,6 +392,14 @@ _OF_STEPS = {
     ),
     "VISCO": left_options(
         read_options("", "CETOL|CREEP|DIRECT|SOLVER|EXPLICIT"), STABILIZE=_STABLE, FACTOR=_STABLE
+    ),
+    **dict.fromkeys(
+        ("COUPLED TEMPERATURE-DISPLACEMENT", "UNCOUPLED TEMPERATURE-DISPLACEMENT"),
+        left_options(
+            read_options("STEADY STATE", "DIRECT|SOLVER|EXPLICIT|ALPHA|DELTMX|CREEP|CETOL"),
+            TIME_RESET="the time of all steps goes on",
+            TOTAL_TIME_AT_START="the time of all steps begins at 0",
+        ),
     ),
     "AMPLITUDE": refused_options(
         left_options(

@@ -123,6 +123,11 @@ def _groups(deck: Deck) -> list[_Group]:
     quantities += [
         ("displacement", part_of_deck, part_of_deck.value) for part_of_deck in deck.supports
     ]
+    if deck.heat is not None:
+        quantities += [
+            (heated.kind, heated, heated.value)
+            for heated in (*deck.heat.temperatures, *deck.heat.supplies)
+        ]
     quantities += [("gap", part_of_deck, part_of_deck.gap) for part_of_deck in deck.pairs]
     quantities += [
         ("motion", part_of_deck, math.hypot(*part_of_deck.motion))

@@ -11,10 +11,22 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
-from hhr_dolfinx.plugins.decks.deck import Deck, DeckHistory, DeckLoad, Item, Pair, Section, Support
+from hhr_dolfinx.plugins.decks.deck import (
+    Deck,
+    DeckHeat,
+    DeckHistory,
+    DeckLoad,
+    Item,
+    Pair,
+    Section,
+    Support,
+    Tag,
+)
 from hhr_dolfinx.plugins.decks.parameters import Proposed, amplitudes, proposed
 from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE_SURFACE
 
+HEAT_STEPS = 10
+"""Steps of heat in time, all of one length."""
 TRAINING_STEPS = 4
 """Steps of the paths on which models of inelastic bodies are trained."""
 LONGEST_LINE = 120
@@ -54,11 +66,55 @@ def scene_text(deck: Deck, file: Path, target: Path) -> str:
         *(f"    {row}" for row in _scene(deck, file, parameters, amplitude_of)),
         ")",
     ]
+    if deck.heat is not None:
+        lines += _heat(deck, deck.heat, amplitude_of)
     if deck.history is not None:
         lines += _steps(deck.history, parameters)
     elif _has_laws(deck):
         lines += _paths(deck, parameters)
     return _double_quoted("\n".join(lines) + "\n")
+
+
+def _heat(deck: Deck, heat: DeckHeat, amplitude_of: Mapping[Item, str]) -> Iterator[str]:
+    """Heat of the bodies and contacts, and what solves it."""
+    materials = {section.tag: section.material for section in deck.sections}
+    numbered = list(enumerate(deck.pairs))
+    items: dict[str, dict[Tag, float | None]] = {
+        "conductivity": {tag: one.conductivity for tag, one in materials.items()},
+        "expansion": {tag: one.expansion for tag, one in materials.items() if one.expansion},
+        "reference": {tag: start for tag, start in heat.starts.items() if materials[tag].expansion},
+        "capacity": {
+            tag: one.density * one.specific_heat
+            for tag, one in materials.items()
+            if one.density and one.specific_heat
+        },
+    }
+    yield ""
+    yield "HEAT = hhr.Heat("
+    yield from (f"    {name}={value!r}," for name, value in items.items() if value)
+    for name in ("conductance", "sliding"):
+        texts = [f"{k}: {getattr(pair, name)}" for k, pair in numbered if getattr(pair, name)]
+        if texts or name == "conductance":
+            yield f"    {name}={{{', '.join(texts)}}},"
+    given = {"temperatures": heat.temperatures, "supplies": heat.supplies}
+    for name, loads in ((name, loads) for name, loads in given.items() if loads):
+        yield f"    {name}=["
+        for load in loads:
+            value = amplitude_of.get(load, repr(load.value))
+            yield f"        {load.text.replace('{}', value)},  # {load.source}"
+        yield "    ],"
+    yield ")"
+    start = max(heat.starts.values(), default=0.0)
+    yield ""
+    yield 'if __name__ == "__main__":  # contact and heat together'
+    yield "    point = scene.parameters.middle"
+    if heat.seconds and len(items["capacity"]) == len(materials):
+        times = [heat.seconds * (k + 1) / HEAT_STEPS for k in range(HEAT_STEPS)]
+        yield "    model = hhr.condense_transient_heat(scene, HEAT)"
+        yield f"    for answer in model.march(point, {times!r}, {start!r}):"
+        yield "        print(answer.outputs())"
+    else:
+        yield "    print(hhr.condense_heat(scene, HEAT).solve(point).outputs())"
 
 
 def _scene(
@@ -169,7 +225,10 @@ def _instructions(deck: Deck, target: Path, parameters: Sequence[Proposed]) -> I
         yield f"    hhr solve {target.name}{duration}    # {middle}"
     else:
         yield f"    hhr march {target.name}    # the steps of the file, one after another"
-    yield f"    hhr reduce {target.name}   # a small model for all of the box"
+    if deck.heat is not None:
+        yield f"    python {target.name}    # contact and heat together, which hhr solve leaves out"
+    else:
+        yield f"    hhr reduce {target.name}   # a small model for all of the box"
     yield ""
     for mu in (mu for mu in parameters if mu.free):
         value = "a proposal" if deck.proposal else f"and {mu.value:g} in the file, {_origin(mu)}"
@@ -179,7 +238,8 @@ def _instructions(deck: Deck, target: Path, parameters: Sequence[Proposed]) -> I
 def _origin(parameter: Proposed) -> str:
     """Lines of a parameter, and its meaning if it is no number of these lines."""
     lines = ", ".join(dict.fromkeys(driven.source for driven in parameter.items))
-    if parameter.name.startswith("temperature"):
+    texts = [driven.text for driven in parameter.items if isinstance(driven, DeckLoad)]
+    if any(text.startswith("hhr.ThermalExpansion") for text in texts):
         return f"{lines}: the largest change from the initial temperature"
     if len({*parameter.items.values()}) > 1:
         return f"{lines}: a common factor"

@@ -1,4 +1,8 @@
-"""Heat through contacts beside CalculiX: `*GAP CONDUCTANCE`, constant or by pressure."""
+"""Decks with heat: `hhr start` writes scene and heat, whose answers are those of CalculiX."""
+
+import runpy
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -8,9 +12,9 @@ from needs import needs
 
 import hhr_dolfinx as hhr
 
-pytestmark = needs("contact_heat")
+pytestmark = [needs("contact_heat"), pytest.mark.filterwarnings("ignore:parameters")]
 TABLE = "2., 0., 0.\n30., 20., 0.\n50., 60., 0."
-OF_TABLE = "table(p, 0, 2, 20, 30, 60, 50, 1e9, 50)"
+OF_TABLE = "table(p, 0.0, 2.0, 20.0, 30.0, 60.0, 50.0, 1000000000.0, 50.0)"
 CONDUCTIVITY, EXPANSION, COLD, WARM = 20.0, 1e-4, 0.0, 100.0
 THERMAL = f"*EXPANSION, ZERO=0.\n{EXPANSION}\n*CONDUCTIVITY\n{CONDUCTIVITY}"
 
@@ -50,6 +54,22 @@ def asked(cold):
     return f"{force}\n{flow}\n*NODE PRINT, NSET=ALL\nNT"
 
 
+def heated(folder, text):
+    """Scene and heat of a deck, and what the command printed."""
+    scene, said = started(folder, text)
+    return scene, runpy.run_path(folder / "deck.py")["HEAT"], said
+
+
+def temperatures_are_theirs(scene, answer, text, rows, close):
+    """At all nodes of a deck, whose rows are numbers and temperatures."""
+    lines = [line.split(", ") for line in text.splitlines()]
+    places = {int(line[0]): line[1:] for line in lines if len(line) == 4 and "." in line[1]}
+    expected = np.array([row[1] for row in rows])
+    theirs = by_place(np.array([places[int(row[0])] for row in rows], dtype=float), expected)
+    ours = by_place(hhr.FullOrderModel(scene).problem.points, answer.temperature())
+    np.testing.assert_allclose(ours, theirs, atol=close * WARM)
+
+
 @pytest.mark.parametrize(
     ("poisson", "cold", "line", "formula", "kind", "close"),
     [
@@ -64,27 +84,77 @@ def asked(cold):
 def test_flows_and_forces_are_those_of_calculix(
     poisson, cold, line, formula, kind, close, tmp_path
 ):
-    scene, _ = started(tmp_path, deck(poisson))
-    rows = run_calculix(tmp_path, deck(poisson, cold, line, kind), asked(cold))
+    text = deck(poisson, cold, line, kind)
+    scene, heat, said = heated(tmp_path, text)
+    assert heat.conductance == {0: formula} and scene.parameters.names[1] == "temperature"
+    assert ("in Abaqus, without PRESSURE, it is a clearance" in said) == (line is TABLE)
+    rows = run_calculix(tmp_path, text, asked(cold))
     if not rows:
         pytest.skip("ccx, CalculiX, is not installed")
-    both = ("LOWER", "UPPER")
-    heat = hhr.Heat(
-        conductivity=dict.fromkeys(both, CONDUCTIVITY),
-        conductance={0: formula},
-        expansion=dict.fromkeys(both, EXPANSION),
-        temperatures=[hhr.FixedTemperature(cold, COLD), hhr.FixedTemperature("UPPER_Z1", WARM)],
-    )
     answer = hhr.condense_heat(scene, heat).solve(scene.parameters.middle)
     force, flow = rows[0][2], rows[1][0]
     assert answer.forces().sum() == pytest.approx(force, rel=2e-3)
     assert answer.heat_through(0) == pytest.approx(-flow, rel=close)
-    lines = [line.split(", ") for line in deck(poisson).splitlines()]
-    places = {int(line[0]): line[1:] for line in lines if len(line) == 4 and "." in line[1]}
-    expected = np.array([row[1] for row in rows[2:]])
-    theirs = by_place(np.array([places[int(row[0])] for row in rows[2:]], dtype=float), expected)
-    ours = by_place(hhr.FullOrderModel(scene).problem.points, answer.temperature())
-    np.testing.assert_allclose(ours, theirs, atol=close * WARM)
+    temperatures_are_theirs(scene, answer, text, rows[2:], close)
+
+
+SUPPLIES = """*DFLUX
+LOWER, BF, 30.
+FRONT, S3, 4.
+*FILM
+1, F3, 10., 2.5
+2, F3, 10., 2.5
+"""
+FRONT = "*ELSET, ELSET=FRONT\n1001, 1002, 1003, 1010, 1011, 1012\n*MATERIAL"
+
+
+def test_fluxes_sources_and_films_are_those_of_calculix(tmp_path):
+    """Heat in a body, through faces of its elements by their numbers, and to the surroundings."""
+    text = deck(0.3, "LOWER_Z0", "20., , 0.").replace("*MATERIAL", FRONT)
+    text = text.replace("*END STEP", SUPPLIES + "*END STEP")
+    scene, heat, said = heated(tmp_path, text)
+    kinds = [type(supply).__name__ for supply in heat.supplies]
+    assert kinds == ["HeatSource", "HeatFlux", "Convection"], said
+    rows = run_calculix(tmp_path, text, asked("LOWER_Z0"))
+    if not rows:
+        pytest.skip("ccx, CalculiX, is not installed")
+    answer = hhr.condense_heat(scene, heat).solve(scene.parameters.middle)
+    temperatures_are_theirs(scene, answer, text, rows[2:], 1e-4)
+    assert answer.temperature().max() > WARM or answer.temperature().min() > COLD - 1
+
+
+def test_steps_in_time_are_printed_by_the_file(tmp_path):
+    """Ten implicit steps, with *DENSITY and *SPECIFIC HEAT, from the initial state.
+
+    CalculiX' own transient steps of this deck have forces of three to four times those of its
+    steady one, without any expansion too, so there is nothing to compare with.
+    """
+    text = deck(0.3, "LOWER_Z0", "20., , 0.")
+    text = text.replace("*CONDUCTIVITY", "*DENSITY\n2.\n*SPECIFIC HEAT\n1.5\n*CONDUCTIVITY")
+    text = text.replace(", STEADY STATE\n1., 1.", "\n.01, .1").replace("ALL, 0.", "ALL, 7.")
+    scene, heat, _ = heated(tmp_path, text)
+    assert heat.capacity == {"LOWER": 3.0, "UPPER": 3.0}
+    assert heat.reference == {"LOWER": 7.0, "UPPER": 7.0}
+    times = [0.1 * (k + 1) / 10 for k in range(10)]
+    answers = hhr.condense_transient_heat(scene, heat).march(scene.parameters.middle, times, 7.0)
+    said = printed(tmp_path)
+    assert said.count("heat 0") == 10
+    for answer in answers:
+        assert f"heat 0 = {answer.heat_through(0):.6g}" in said
+
+
+def printed(folder):
+    """What the file prints."""
+    ended = subprocess.run(
+        [sys.executable, "deck.py"], cwd=folder, capture_output=True, text=True, check=True
+    )
+    return ended.stdout
+
+
+def test_a_file_solves_contact_and_heat_by_itself(tmp_path):
+    scene, heat, _ = heated(tmp_path, deck(0.3, "LOWER_Z0", "20., , 0."))
+    answer = hhr.condense_heat(scene, heat).solve(scene.parameters.middle)
+    assert f"heat 0 = {answer.heat_through(0):.6g}" in printed(tmp_path)
 
 
 def sliding_deck(share, speed=20.0):
@@ -107,25 +177,36 @@ def test_heat_of_friction_is_that_of_calculix(share, tmp_path):
     """`*GAP HEAT GENERATION`; it takes heat from the iteration before, so at a low speed, at which
     the share moves flows by 4 %.
     """
-    scene, _ = started(tmp_path, deck(0.0))
+    scene, heat, said = heated(tmp_path, sliding_deck(share))
+    assert "pairs without friction" in said and heat.sliding[0].share == share
     flow = "*NODE PRINT, NSET={}, TOTALS=ONLY\nRFL"
     asked_for = "\n".join(flow.format(name) for name in ("LOWER_Z0", "UPPER_Z1"))
     rows = run_calculix(tmp_path, sliding_deck(share), asked_for)
     if not rows:
         pytest.skip("ccx, CalculiX, is not installed")
-    both = ("LOWER", "UPPER")
-    heat = hhr.Heat(
-        conductivity=dict.fromkeys(both, CONDUCTIVITY),
-        conductance={0: 20.0},
-        expansion=dict.fromkeys(both, EXPANSION),
-        temperatures=[
-            hhr.FixedTemperature("LOWER_Z0", COLD),
-            hhr.FixedTemperature("UPPER_Z1", WARM),
-        ],
-        sliding={0: hhr.SlidingHeat(0.3, 20.0, share)},
-    )
     outputs = hhr.condense_heat(scene, heat).solve(scene.parameters.middle).outputs()
     made, flow = outputs["friction heat 0"], outputs["heat 0"]
     # UPPER_BOTTOM is the first surface, and the slave there
     assert rows[-2][0] == pytest.approx(-((1 - share) * made + flow), rel=4e-3)
     assert rows[-1][0] == pytest.approx(flow - share * made, rel=4e-3)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "todo"),
+    [
+        ("*GAP CONDUCTANCE\n20., , 0.", "*GAP CONDUCTANCE\n9., 0.\n1., .1", "as a clearance"),
+        ("*END STEP", "*CFLUX\nUPPER_Z1, 11, 5.\n*END STEP", "heat of single nodes"),
+        ("*END STEP", "*DFLUX\nUPPER, S3NU, 5.\n*END STEP", "no counterpart: S3NU"),
+        ("*END STEP", "*DFLUX\nNONE, BF, 5.\n*END STEP", "holds no whole body"),
+        ("*CONDUCTIVITY\n20.0", "*DENSITY\n1.", "body 'LOWER' has no *CONDUCTIVITY"),
+        ("*END STEP", "*RADIATE\nLOWER, R5, 10., .9\n*END STEP", "*RADIATE: no counterpart"),
+    ],
+)
+def test_what_has_no_counterpart_is_a_line(before, after, todo, tmp_path):
+    text = deck(0.3, conductance="20., , 0.").replace(before, after)
+    said = started(tmp_path, text)[1]
+    assert todo in " ".join(said.split())
+    heat = runpy.run_path(tmp_path / "deck.py").get("HEAT")
+    assert (heat is None) == ("CONDUCTIVITY" in before)
+    if "as a clearance" in todo:
+        assert heat.conductance[0] == "table(g, 0.0, 9.0, 0.1, 1.0, 1000000000.0, 1.0)"

@@ -58,7 +58,31 @@ def touching(interaction="", before=""):
     return blocks("*DSLOAD\nUPPER_TOP, P, 1.", interaction=interaction, before=before)
 
 
+HEATED = (
+    blocks(
+        "*BOUNDARY\nUPPER_Z1, 11, 11, 100.\n*DFLUX\nUPPER, BF, 2.\n*FILM\n1, F3, 10., 2.\n"
+        "*DSFLUX\nUPPER_TOP, S, 3.\n*SFILM\nUPPER_TOP, F, 10., 2.\n*CFLUX\nUPPER_Z1, 11, 1.",
+        interaction="*FRICTION\n0.3\n*GAP CONDUCTANCE\n20., 0.\n30., 5.\n"
+        "*GAP HEAT GENERATION\n1., 0.5, 20.",
+    )
+    .replace("*STATIC", "*COUPLED TEMPERATURE-DISPLACEMENT, STEADY STATE")
+    .replace("*SOLID", "*SPECIFIC HEAT\n2.\n*CONDUCTIVITY\n20.\n*SOLID", 1)
+)
+HEAT_WORDS = (
+    "CONDUCTIVITY",
+    "SPECIFIC HEAT",
+    "GAP CONDUCTANCE",
+    "GAP HEAT GENERATION",
+    "DFLUX",
+    "DSFLUX",
+    "FILM",
+    "SFILM",
+    "CFLUX",
+    "COUPLED TEMPERATURE-DISPLACEMENT",
+)
 EXAMPLES = {
+    **dict.fromkeys(HEAT_WORDS, HEATED),
+    "UNCOUPLED TEMPERATURE-DISPLACEMENT": HEATED.replace("*COUPLED", "*UNCOUPLED"),
     **dict.fromkeys(
         ("NODE", "ELEMENT", "NSET", "MATERIAL", "ELASTIC", "SOLID SECTION"), bar(PULLED)
     ),
