@@ -183,11 +183,8 @@ def read_arrays(
         if not path.is_file():
             raise _Damage("it is no regular file")
         arrays = _members(path, MAPPED_BYTES if mapped else MOST_FILE_BYTES + 1)
-        text = arrays.pop("header", None)
-        if text is None or text.dtype.kind not in "SU" or text.ndim:
-            raise _Damage("it has no header")
-        header = json.loads(text.item())
-        named = header.get("format") if isinstance(header, dict) else None
+        header = _header(arrays)
+        named = header.get("format")
         if not isinstance(named, str) or not named.startswith(kind.split()[0]):
             raise _Damage(f"its header names no '{kind}'")
         if (named, header.get("version")) != (kind, version):
@@ -204,17 +201,27 @@ def read_arrays(
 
 
 def format_of(path: str | Path) -> str:
-    """Format that the header of a file from :func:`write_arrays` names; nothing of other files.
+    """Format that the header of a file from :func:`write_arrays` names; empty for other files.
 
     Args:
         path: the file.
     """
+    path = Path(path)
     try:
-        with np.load(path, allow_pickle=False) as members:
-            named = json.loads(members["header"].item())["format"]
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+        with _own_errors(path):
+            named = _header(_members(path, MAPPED_BYTES)).get("format") if path.is_file() else ""
+    except HHRError:
         return ""
     return named if isinstance(named, str) else ""
+
+
+def _header(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    """Header of a file, which is removed from its arrays."""
+    text = arrays.pop("header", None)
+    if text is None or text.dtype.kind not in "SU" or text.ndim:
+        raise _Damage("it has no header")
+    header = json.loads(text.item())
+    return header if isinstance(header, dict) else {}
 
 
 NUMBER_KINDS = {"<f8": "float", "<f4": "float", "<i8": "int", "<i4": "int", "|b1": "bool"}

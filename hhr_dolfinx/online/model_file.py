@@ -25,7 +25,7 @@ from hhr_dolfinx.errors import (
     NotOfferedError,
     SceneError,
 )
-from hhr_dolfinx.files import read_arrays, write_arrays
+from hhr_dolfinx.files import format_of, read_arrays, write_arrays
 from hhr_dolfinx.models.histories.equilibrium import facet_of
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.plain import add_kind, as_plain, by_name, restored
@@ -185,6 +185,10 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> KeptModel:
             raise ModelFileError(
                 f"{path} is a table and no model: the model comes first, MODEL TABLE"
             ) from error
+        place = registry.named("formats").get(format_of(path))
+        if place is not None:
+            reader = place.partition(":")[2]
+            raise ModelFileError(f"{path} is read by hhr.{reader}(path)") from error
         raise ModelFileError(f"{error}: build the model again") from error
     try:
         if header.keys() != {"format", "version", "model"}:

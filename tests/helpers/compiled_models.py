@@ -82,10 +82,11 @@ class Instance:
     def begin(self):
         return self.made.fmi3ExitInitializationMode(self.at)
 
-    def step(self, number):
+    def step(self, number, size=1.0):
         flags, last = (ctypes.c_bool * 3)(), ctypes.c_double()
         ends = [ctypes.byref(flags, k) for k in range(3)]
-        status = self.made.fmi3DoStep(self.at, float(number), 1.0, False, *ends, ctypes.byref(last))
+        given = self.at, float(number), size, False, *ends, ctypes.byref(last)
+        status = self.made.fmi3DoStep(*given)
         assert status or last.value == number + 1
         return status
 

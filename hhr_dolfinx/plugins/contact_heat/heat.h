@@ -19,6 +19,7 @@
 #ifndef model_HEADER
 #define model_HEADER
 #define MODEL_REMEMBERS 0
+#define MODEL_FORGETS 1 /* answers of a unit that is reset start anew */
 #define MODEL_CONDITIONS MECHANICS_CONDITIONS
 enum { MODEL_DONE = 0, MODEL_OUTSIDE = 1, MODEL_NO_ANSWER = 2, MODEL_CHANGED = 3 };
 typedef double (*model_function)(const double *);
@@ -109,14 +110,16 @@ static inline double model_conducted_slope(const model_work *w, const double *po
     return (above - below) / (high - low);
 }
 
-/* Heat of the conditions that slide over their forces. */
-static inline void model_set_factors(model_work *w, const double *point) {
+/* Heat of the conditions that slide over their forces; 0 where it is negative or no number. */
+static inline int model_set_factors(model_work *w, const double *point) {
     double values[MODEL_GIVEN + 3];
     memcpy(values, point, MODEL_GIVEN * sizeof(double));
     for (int k = 0; k < MODEL_SLIDING; k++) {
         memcpy(values + MODEL_GIVEN, model_places + k * MODEL_COORDINATES, MODEL_COORDINATES * sizeof(double));
         w->factors[k] = model_friction[k](values);
+        if (!(w->factors[k] >= 0) || !isfinite(w->factors[k])) return 0;
     }
+    return 1;
 }
 
 #if MODEL_MODES
@@ -171,7 +174,7 @@ static inline int model_set_problem(model_work *w, const double *point) {
     if (!mechanics_set_contact(w->contact, w->whole)) return 0;
     memcpy(w->slack, w->contact->slack, m * sizeof(double));
     memcpy(w->schur, w->contact->schur, (size_t)m * m * sizeof(double));
-    model_set_factors(w, point);
+    if (!model_set_factors(w, point)) return 0;
     for (int i = 0; i < m; i++) {
         w->jump[i] = 0;
         for (int t = 0; t < MODEL_SUPPLIES; t++) w->jump[i] += model_jumps[i * MODEL_SUPPLIES + t] * amplitudes[t];

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Integral
 from typing import Any
 
 from hhr_dolfinx.declared import KnownArguments
@@ -16,6 +17,8 @@ GAP_NAME = "g"
 """Names of the contact pressure and of the gap in formulas of conductances."""
 BY_CONTACT = ("conductance", "sliding")
 """Properties that contacts have, and not bodies."""
+EXAMPLES = {"sliding": "hhr.SlidingHeat(0.3, 2.0)"}
+"""Values of properties that are no numbers, for messages."""
 
 
 def _amplitude(item: Any, name: str, what: str) -> None:
@@ -182,7 +185,8 @@ class Heat(KnownArguments):
             if not isinstance(getattr(self, name), Mapping):
                 raise SceneError(
                     f"the {name} {getattr(self, name)!r} of heat must be a mapping, such as "
-                    f"{{1: 50.0}}, by {'contact' if name in BY_CONTACT else 'cell tag'}"
+                    f"{{1: {EXAMPLES.get(name, '50.0')}}}, by "
+                    f"{'contact' if name in BY_CONTACT else 'cell tag'}"
                 )
         for name, kinds in (("temperatures", FixedTemperature), ("supplies", Supply)):
             given = getattr(self, name)
@@ -194,11 +198,14 @@ class Heat(KnownArguments):
             if wrong:
                 raise SceneError(f"{wrong[0]!r} does not belong to the {name} of heat")
         for contact in (*self.conductance, *self.sliding):
-            if isinstance(contact, bool) or not isinstance(contact, int):
+            if isinstance(contact, bool) or not isinstance(contact, Integral):
                 raise SceneError(f"the contact {contact!r} of heat must be a whole number")
         for contact, item in self.sliding.items():
             if not isinstance(item, SlidingHeat):
-                raise SceneError(f"the sliding of contact {contact} must be a SlidingHeat")
+                raise SceneError(
+                    f"the sliding {item!r} of contact {contact} must be a "
+                    "hhr.SlidingHeat(friction, speed)"
+                )
         for name in ("conductivity", "capacity"):
             for tag, value in getattr(self, name).items():
                 if not is_number(value) or value <= 0:

@@ -130,8 +130,8 @@ class HeatedModel:
 
     @property
     def contacts(self) -> set[int]:
-        """Numbers of the contacts that have conditions."""
-        return set(self.pairs.tolist())
+        """Numbers of the contacts that have conditions, or a conductance."""
+        return set(self.pairs.tolist()) | set(self.conductances)
 
     def mechanical_answer(self, answer: HeatAnswer) -> Answer:
         """Answer of the contact problem under the heat flows of an answer.

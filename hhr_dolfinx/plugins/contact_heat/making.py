@@ -236,22 +236,10 @@ class _Prepared:
         )
         factors = tuple(Scalar(self.heat.sliding[k].factor, names) for k in contacts)
         parts = SlidingParts(np.array(contacts, dtype=np.int64), factors, conditions, places)
-        self._check_factors(parts)
-        return parts
-
-    def _check_factors(self, parts: SlidingParts) -> None:
-        """Refuse friction that is negative, or friction and speeds that are no numbers."""
-        sliding = FrictionSources(parts, self.full.problem.contact_pairs)
+        sources = FrictionSources(parts, self.full.problem.contact_pairs)
         for point in box_samples(self.scene.parameters):
-            factors = sliding.factors(point)
-            if not np.isfinite(factors).all() or (factors < 0).any():
-                row = np.flatnonzero(~(np.isfinite(factors) & (factors >= 0)))[0]
-                raise SceneError(
-                    f"friction times speed of contact "
-                    f"{self.full.problem.contact_pairs[parts.conditions[row]]} is "
-                    f"{factors[row]:g} at {self.scene.parameters.described(point)}, at "
-                    f"{parts.places[row].tolist()}: it must be a number that is not negative"
-                )
+            sources.factors(point)  # which refuses negative ones
+        return parts
 
 
 def _prepared(scene: Scene, heat: Heat, *, transient: bool = False) -> _Prepared:
@@ -350,7 +338,18 @@ def _check_sliding(scene: Scene, heat: Heat) -> None:
         raise SceneError(
             f"contact {min(unknown)} slides: the scene has contacts 0 to {len(scene.contacts) - 1}"
         )
-    shared = set(coordinate_names(scene.hypothesis)) & set(scene.parameters.names)
+    names = set(scene.parameters.names)
+    coordinates = set(coordinate_names(scene.hypothesis))
+    for number, item in heat.sliding.items():
+        for word in ("friction", "speed"):
+            formula = formula_of(getattr(item, word), word)
+            if foreign := set(formula.variables) - names - coordinates:
+                raise SceneError(
+                    f"the {word} {formula.text!r} of contact {number}, which slides, names "
+                    f"{sorted(foreign)}: it may name the parameters {sorted(names)} and the "
+                    f"coordinates {sorted(coordinates)}, and neither pressure nor gap"
+                )
+    shared = coordinates & names
     if heat.sliding and shared:
         raise SceneError(
             f"a parameter is named {sorted(shared)[0]!r}, which speeds take for a coordinate: "

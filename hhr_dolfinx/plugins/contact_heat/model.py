@@ -43,6 +43,10 @@ class HeatModel(HeatedModel):
         super().__init__(parts)
         self._responses = SetResponses(self._schur, self._per_heat)
 
+    def __reduce__(self) -> tuple[type[HeatModel], tuple[HeatParts]]:
+        """Copy and pickle by the data, without caches; stress needs the mesh, and stays out."""
+        return type(self), (self.parts,)
+
     def __repr__(self) -> str:
         return (
             f"<condensed model with heat: {len(self._schur)} contact conditions, "

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hhr_dolfinx.errors import ParameterError, SceneError
 from hhr_dolfinx.formulas import IMAGINARY_STEP
 from hhr_dolfinx.plugins.contact_heat.newton import CoupledContact, SlidingResponse
 from hhr_dolfinx.plugins.contact_heat.parts import SlidingParts
@@ -37,8 +38,26 @@ class FrictionSources:
 
         Args:
             point: parameter of the user, (P,).
+
+        Raises:
+            SceneError: where friction is negative, or friction or speed is no number.
         """
-        return np.real(self._at(point))
+        found = self._at(point)
+        wrong = np.flatnonzero(~(np.isfinite(found) & (found >= 0)))
+        if wrong.size and self._parts is not None:
+            row = wrong[0]
+            raise SceneError(
+                f"friction times speed of contact {self._pairs[row]}, which slides, is "
+                f"{found[row]:g} at {self._described(point)}, at the place "
+                f"{self._parts.places[row].tolist()}: it must be a number that is not negative"
+            )
+        return found
+
+    def _described(self, point: np.ndarray) -> str:
+        names = () if self._parts is None else self._parts.factors[0].names
+        return ", ".join(
+            f"{name} = {value:g}" for name, value in zip(names, np.real(point), strict=False)
+        )
 
     def derivatives(self, point: np.ndarray) -> np.ndarray:
         """Derivatives of the factors along the parameters, (g, P).
@@ -57,7 +76,14 @@ class FrictionSources:
         for contact, scalar in zip(self._parts.contacts, self._parts.factors, strict=True):
             rows = self._pairs == contact
             values = dict(zip(scalar.names, (*point, *self._parts.places[rows].T), strict=True))
-            found[rows] = scalar.formula(values)
+            try:
+                with np.errstate(all="ignore"):
+                    found[rows] = scalar.formula(values)
+            except ParameterError as error:
+                raise SceneError(
+                    f"friction or speed of contact {contact}, which slides, ends at "
+                    f"{self._described(point)}: {error}. Let a table reach further"
+                ) from None
         return found
 
     def added(

@@ -85,6 +85,10 @@ class TransientHeatModel(HeatedModel):
         self._flowing = self._reading @ self.conduction.per_heat
         self._steps: OrderedDict[float, _HeatStep] = OrderedDict()
 
+    def __reduce__(self) -> tuple[type[TransientHeatModel], tuple[TransientParts]]:
+        """Copy and pickle by the data, without caches; stress needs the mesh, and stays out."""
+        return type(self), (self.transient,)
+
     def __repr__(self) -> str:
         return (
             f"<condensed model with transient heat: {self.conditions} contact conditions, "
@@ -255,7 +259,7 @@ class TransientHeatModel(HeatedModel):
         if field.shape != (nodes,) or not np.isfinite(field).all():
             raise ParameterError(
                 f"the start must be a finite temperature, or one of each of the {nodes} nodes, and "
-                f"not an array of shape {field.shape}"
+                + (f"not an array of shape {field.shape}" if field.ndim else f"not {start!r}")
             )
         self._warn_of_lost(field)
         return self._reading @ field

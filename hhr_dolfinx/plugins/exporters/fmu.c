@@ -84,6 +84,9 @@ static int told(unit *u) { return PATHS && u->begun ? OK : answered(u); }
 static void at_start(unit *u) {
     for (int k = 0; k < MODEL_PARAMETERS; k++) u->point[k] = (model_lower[k] + model_upper[k]) / 2;
     u->time = 0, u->known = u->begun = 0;
+#ifdef MODEL_FORGETS
+    if (u->work) model_forget(u->work);
+#endif
 }
 
 SHARED const char *fmi3GetVersion(void) { return "3.0"; }
@@ -184,6 +187,7 @@ SHARED int fmi3DoStep(void *instance, double time, double size, _Bool no_earlier
     *event = 0, *terminate = 0, *early = 0, *last = time;
     if (!(size >= 0) || !isfinite(time + size)) return complaint(u, ERROR, "a step must not go back, and time is a number");
 #if MODEL_FLOWS || MODEL_REMEMBERS
+    if (MODEL_RATED && !(size > 0)) return complaint(u, ERROR, "time must pass in a step");
     if (size > 0) {
         u->work->seconds = size;
         u->known = u->known && !(u->begun && MODEL_RATED); /* a law creeps while its inputs stay */

@@ -379,6 +379,22 @@ def test_the_example_of_the_page_runs_and_has_its_numbers(tmp_path, monkeypatch)
     assert (tmp_path / "warm.npz").is_file() and (tmp_path / "warm.png").is_file()
 
 
+@pytest.mark.filterwarnings("ignore:displacements are imposed on both sides")
+def test_a_contact_without_conditions_passes_no_heat():
+    """Displacements hold both of its sides."""
+    held = [hhr.Displacement(tag, 1) for tag in (side(FIRST, 1, True), side(SECOND, 1, False))]
+    floor = hhr.Obstacle(side(FIRST, 0, True), (1.0, 0.0), 1.0)
+    scene = rod_scene()
+    scene = dataclasses.replace(
+        scene,
+        contacts=(*scene.contacts, floor),
+        displacements=(*scene.displacements[:2], *scene.displacements[3:], *held),
+        outputs=(),
+    )
+    answer = rods(3.0, 0.0, "T", scene=scene).solve([0.0, 20.0])
+    assert answer.heat_through(0) == 0.0 and answer.outputs().values == {"heat 0": 0.0}
+
+
 def test_heat_of_round_off_is_one_balance():
     """A body that contact alone feeds and nothing supplies is as warm as the other one."""
     fixed = [hhr.FixedTemperature(side(FIRST, 1, False), 293.0)]
@@ -398,6 +414,8 @@ def test_a_file_has_the_answers(tmp_path):
     assert other.outputs() == one.outputs()
     with pytest.raises(NotOfferedError, match="mesh"):
         other.stress()
+    whole = tmp_path / "whole warm.npz"
+    whole.write_bytes((tmp_path / "warm.npz").read_bytes())
     (tmp_path / "warm.npz").write_bytes((tmp_path / "warm.npz").read_bytes()[:-200])
     with pytest.raises(ModelFileError):
         hhr.load_heat_model(tmp_path / "warm.npz")
@@ -405,6 +423,8 @@ def test_a_file_has_the_answers(tmp_path):
         hhr.load_heat_model(tmp_path / "cold.npz")
     with pytest.raises(NotOfferedError, match="no model with heat"):
         hhr.save_heat_model(tmp_path / "other.npz", model.mechanical)
+    with pytest.raises(ModelFileError, match=r"warm.npz is read by hhr.load_heat_model"):
+        hhr.load_model(whole)
     with pytest.raises(NotOfferedError, match=r"take hhr.save_heat_model\(path, model\)"):
         hhr.save_model(tmp_path / "other.npz", model)
 

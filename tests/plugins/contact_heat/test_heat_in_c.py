@@ -190,3 +190,26 @@ def test_a_unit_of_a_file(build, tmp_path):
     answer = model.march(point, [1.0, 2.0, 3.0], 15.0)[-1] if in_time else model.solve(point)
     expected = list(answer.outputs().values.values())
     np.testing.assert_allclose(unit.read(), expected, rtol=1e-9)
+
+
+def test_a_unit_that_is_reset_starts_anew(tmp_path):
+    """A rod that has been warm and closed is cold and open, as in a fresh unit."""
+    model = rods("1e4 * p / (p + 1e-6)", 0.0, "T", 0.0005)
+    unit = Instance(tmp_path, write_fmu(tmp_path / "rods.fmu", model))
+    there = np.linspace(0.0, 0.001, 5)
+    for pushes in ([*there, *there[::-1]], [0.0]):
+        for number, push in enumerate(pushes):
+            assert unit.put([push, 90.0]) == 0
+            assert (unit.step(number) if number else unit.begin()) == 0
+        warm = unit.read()[-1] < -1000.0
+        assert warm == (len(pushes) > 1)
+        unit.made.fmi3Reset(unit.at)
+
+
+def test_time_passes_in_steps_of_a_unit(tmp_path):
+    model = hhr.condense_transient_heat(blocks(), heat())
+    unit = Instance(tmp_path, write_fmu(tmp_path / "warm.fmu", model))
+    assert unit.put([0.006, 100.0, 15.0]) == 0 and unit.begin() == 0
+    before = unit.read()
+    assert unit.step(0, 0.0) != 0
+    np.testing.assert_array_equal(unit.read(), before)

@@ -1,6 +1,8 @@
 """Heat of surfaces that slide: closed forms, a coupled full model, speeds without a balance."""
 
+import copy
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -260,16 +262,54 @@ def test_a_rigid_obstacle_takes_its_share_away(tmp_path):
     ("more", "said"),
     [
         ({"sliding": {1: hhr.SlidingHeat(0.3, "v")}}, "contact 1 slides"),
-        ({"sliding": {0: 0.3}}, "must be a SlidingHeat"),
-        ({"sliding": 0.3}, "must be a mapping"),
-        ({"sliding": {0: hhr.SlidingHeat(-0.3, "v")}}, "of contact 0 is -"),
-        ({"sliding": {0: hhr.SlidingHeat(0.3, "1 / (v - v)")}}, "of contact 0 is"),
-        ({"sliding": {0: hhr.SlidingHeat(0.3, "w")}}, "w"),
+        ({"sliding": {0: 0.3}}, r"the sliding 0\.3 of contact 0 must be a hhr\.SlidingHeat"),
+        ({"sliding": 0.3}, r"must be a mapping, such as \{1: hhr\.SlidingHeat"),
+        ({"sliding": {0: hhr.SlidingHeat(-0.3, "v")}}, "of contact 0, which slides, is -"),
+        (
+            {"sliding": {0: hhr.SlidingHeat(0.3, "1 / (v - v)")}},
+            "of contact 0, which slides, is inf",
+        ),
+        ({"sliding": {0: hhr.SlidingHeat(0.3, "w*x")}}, r"the speed 'w\*x' of contact 0"),
+        ({"sliding": {0: hhr.SlidingHeat("0.3 + p", 1.0)}}, "neither pressure nor gap"),
+        (
+            {"sliding": {0: hhr.SlidingHeat("table(v, 0, 0.3, 10, 0.2)", "v")}},
+            "friction or speed of contact 0, which slides, ends at",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused(more, said):
     with pytest.raises(SceneError, match=said):
         rubbing_rods(**more)
+
+
+@pytest.mark.parametrize(
+    "item",
+    [
+        hhr.SlidingHeat("0.3 - 10 * exp(-(v - 1234.5) ** 2)", 1.0),
+        hhr.SlidingHeat(0.3, "1 / (v - 1234.5)"),
+    ],
+)
+@pytest.mark.parametrize("build", [hhr.condense_heat, hhr.condense_transient_heat])
+def test_what_no_sample_sees_is_refused_by_answers(item, build):
+    """Negative friction, and a speed without a value, at one place of the box."""
+    model = rubbing_rods(build=build, sliding={0: item}, capacity={FIRST: 3.0, SECOND: 2.0})
+    point = [0.005, 0.0, 1234.5]
+    with pytest.raises(SceneError, match=r"contact 0, which slides, is .* v = 1234\.5"):
+        model.solve(point) if build is hhr.condense_heat else model.march(point, [1.0], 0.0)
+
+
+def test_copies_have_the_answers():
+    """Also of models with a mesh, whose stress stays out."""
+    model = rubbing_rods()
+    for again in (copy.deepcopy(model), pickle.loads(pickle.dumps(model))):
+        point = [0.005, 60.0, 400.0]
+        assert again.solve(point).outputs() == model.solve(point).outputs()
+
+
+def test_contacts_are_named_by_whole_numbers_of_any_kind():
+    sliding = {np.int64(0): hhr.SlidingHeat(0.3, "v")}
+    model = rubbing_rods(conductance={np.int64(0): 3.0}, sliding=sliding)
+    assert model.solve([0.005, 0.0, 1e3]).outputs()["friction heat 0"] > 0
 
 
 def test_a_share_is_a_part():
