@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
-from hhr_dolfinx.contact.active_set import active_set
+from hhr_dolfinx.contact.active_set import Status, active_set
 from hhr_dolfinx.errors import HHRError, SceneError
 from hhr_dolfinx.formulas import IMAGINARY_STEP, Formula
 from hhr_dolfinx.models.answer import Answer
@@ -339,6 +339,16 @@ class HeatAnswer:
         displacement, pressure, picture.
         """
         return self._model.mechanical_answer(self)
+
+    @property
+    def status(self) -> Status:
+        """Why the search stopped."""
+        return Status.CONVERGED if self.converged else Status.ITERATION_LIMIT
+
+    @property
+    def iterations(self) -> int:
+        """Steps of Newton's method."""
+        return self.solution.steps
 
     @property
     def converged(self) -> bool:

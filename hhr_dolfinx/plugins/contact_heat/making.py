@@ -38,6 +38,7 @@ from hhr_dolfinx.plugins.contact_heat.parts import (
     SlidingParts,
     TransientParts,
 )
+from hhr_dolfinx.plugins.contact_heat.rows import HeatAnswers
 from hhr_dolfinx.plugins.contact_heat.sliding import FrictionSources
 from hhr_dolfinx.plugins.contact_heat.thermal_loads import (
     FLOW,
@@ -291,7 +292,7 @@ class _FirstBalance:
 
     model: HeatModel
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool, outside: str) -> list[HeatAnswer]:
+    def solve_many(self, points: Any, *, raise_on_failure: bool, outside: str) -> HeatAnswers:
         """Answers to points of the box, (n, P), see :meth:`HeatModel.solve_many`."""
         return self.model.solve_many(points, both=False, raise_on_failure=raise_on_failure)
 

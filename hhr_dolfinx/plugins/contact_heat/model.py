@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
@@ -20,7 +21,17 @@ from hhr_dolfinx.plugins.contact_heat.newton import (
     scales_of,
 )
 from hhr_dolfinx.plugins.contact_heat.parts import HeatParts
+from hhr_dolfinx.plugins.contact_heat.rows import (
+    HeatAnswers,
+    HeatFields,
+    OutputColumn,
+    OutputColumns,
+)
+from hhr_dolfinx.trained import check_outside
 from hhr_dolfinx.warn import warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Answer
 
 LEAST_SIZE = 1e-3
 """Part of the sizes of a problem below which heat flows and forces count as none of their own."""
@@ -38,6 +49,10 @@ class HeatModel(HeatedModel):
     Args:
         parts: its data.
     """
+
+    rows_at_once: ClassVar[int] = 64  #: points of a block of a table
+    equilibrium: ClassVar[None] = None  #: of bodies with laws, which heat does not have
+    known_error: ClassVar[str] = "round-off: all contact conditions are kept"
 
     def __init__(self, parts: HeatParts):
         super().__init__(parts)
@@ -70,7 +85,37 @@ class HeatModel(HeatedModel):
             del found[1]
         return [self._answer(checked, contact, one, several=len(found) > 1) for one in found]
 
-    def solve(self, point: Any, *, both: bool = True, raise_on_failure: bool = True) -> HeatAnswer:
+    @property
+    def fields(self) -> HeatFields:
+        """Outputs as columns of tables."""
+        functionals = self.mechanical.fields.functionals
+        of_scene = () if functionals is None else functionals.items
+        items = [OutputColumn(output.name, output.unit) for output in of_scene]
+        items += [OutputColumn(name, "") for name in self.flow_outputs]
+        return HeatFields(OutputColumns(tuple(items)))
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of the mesh."""
+        return self.mechanical.dimension
+
+    def columns(self, many: Iterable[HeatAnswer]) -> dict[str, np.ndarray]:
+        """Further columns of a table of answers: True where there are several balances, (n,)."""
+        return {"several balances": np.array([answer.several for answer in many], dtype=float)}
+
+    def summed_up(self, sums: Mapping[str, float]) -> str:
+        """Words on these columns for the last line of a table, from their sums."""
+        count = int(sums.get("several balances", 0.0))
+        return f", {count} of them of several balances" if count else ""
+
+    def solve(
+        self,
+        point: Any,
+        *,
+        both: bool = True,
+        raise_on_failure: bool = True,
+        outside: str = "refuse",
+    ) -> HeatAnswer:
         """Answer to a point, that of contact without heat as the start if that finds a balance.
 
         Args:
@@ -78,6 +123,7 @@ class HeatModel(HeatedModel):
             both: look for another balance too, from closed contacts, and warn of it: twice the
                 time. Without, that start is tried only where the first one finds none.
             raise_on_failure: raise where no balance is found, or return NaN.
+            outside: for tables alone, as nothing is trained: points outside the box are refused.
 
         Raises:
             ParameterError: for a point outside the box.
@@ -87,6 +133,7 @@ class HeatModel(HeatedModel):
             StabilityWarning: where the two end in different balances: heat through contacts may
                 have several, or none (Barber 1978).
         """
+        check_outside(outside)
         checked = self.parameters.point(point)
         contact = self._coupled(checked)
         found = self._found(contact, both)
@@ -109,17 +156,25 @@ class HeatModel(HeatedModel):
         return self._answer(checked, contact, balanced[0], several=several)
 
     def solve_many(
-        self, points: Any, *, both: bool = True, raise_on_failure: bool = True
-    ) -> list[HeatAnswer]:
+        self,
+        points: Any,
+        *,
+        both: bool = True,
+        raise_on_failure: bool = True,
+        outside: str = "refuse",
+    ) -> HeatAnswers:
         """Answers to many points, (n, P), as :meth:`solve` finds them.
 
         Args:
             points: parameters, (n, P).
-            both, raise_on_failure: see :meth:`solve`.
+            both, raise_on_failure, outside: see :meth:`solve`.
         """
         checked = self.parameters.points(points)
-        more = {"both": both, "raise_on_failure": raise_on_failure}
-        return [self.solve(point, **more) for point in checked]
+        answers = tuple(
+            self.solve(point, both=both, raise_on_failure=raise_on_failure, outside=outside)
+            for point in checked
+        )
+        return HeatAnswers(cast("tuple[Answer, ...]", answers))
 
     def march(self, points: Any, *, raise_on_failure: bool = True) -> list[HeatAnswer]:
         """Answers along a history, (n, P): each starts from the one before, and stays with its

@@ -65,7 +65,7 @@ def answer(
     row is one step from rest; paths are for Python, model.march. With --part 3/8 the third of eight
     blocks of rows is answered, into answers.3of8.csv.
     """
-    from hhr_dolfinx.command.loading import checked_target, model_of
+    from hhr_dolfinx.command.loading import any_model_of, checked_target
     from hhr_dolfinx.plugins.tables.tables import answer_table, checksum, read_points
 
     checked_target(out, WRITTEN_TABLES)
@@ -80,7 +80,7 @@ def answer(
             f"{target} holds the questions, which its answers would replace: give another --out"
         )
     console, progress = spoken()
-    loaded = model_of(model, known)
+    loaded = any_model_of(model, known)
     rows = read_points(
         table, loaded.parameters, partial(console.print, highlight=False, markup=False)
     )

@@ -10,6 +10,7 @@ import pytest
 from heated_pairs import Coupled, blocks, heat, rod_scene, thick_blocks, thick_heat
 from needs import needs
 from scipy.optimize import brentq
+from shell import invoke
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import (
@@ -436,6 +437,37 @@ def test_several_points_and_a_start_alone():
         answers = model.solve_many(points, both=both)
         expected = [model.solve(point).heat_through(0) for point in points]
         assert [answer.heat_through(0) for answer in answers] == pytest.approx(expected, rel=1e-12)
+
+
+@needs("tables")
+def test_tables_have_outputs_and_heat(tmp_path):
+    """In Python and by ``hhr answer``, where a row outside the box does not stop others."""
+    model = hhr.condense_heat(blocks(), heat())
+    points = model.parameters.random(3, 1)
+    answers = hhr.answer_points(model, points, displacement=True)
+    assert list(answers.outputs) == ["peak", "corner", "heat 0"] and answers.status == ["ok"] * 3
+    for k, point in enumerate(points):
+        expected = model.solve(point)
+        np.testing.assert_array_equal(answers.forces[k], expected.forces())
+        assert answers.outputs["heat 0"][k] == expected.heat_through(0)
+    assert not answers.columns["several balances"].any()
+    hhr.save_heat_model(tmp_path / "warm.npz", model)
+    (tmp_path / "asked.csv").write_text("push,T\n0.005,50\n0.5,3\n")
+    out = tmp_path / "found.csv"
+    code, said = invoke("answer", tmp_path / "warm.npz", tmp_path / "asked.csv", "--out", out)
+    head, first, second = (line.split(",") for line in out.read_text().splitlines())
+    assert code == 1 and "1 answers and 1 bad rows" in said
+    found = dict(zip(head, first, strict=True))
+    assert float(found["heat 0"]) == pytest.approx(model.solve([0.005, 50.0]).heat_through(0))
+    assert second[2].startswith('"push = 0.5 is outside')
+
+
+@needs("tables")
+def test_tables_count_rows_of_several_balances():
+    model = rods("1e4 * p / (p + 1e-6)", 0.0, "T", gap=0.0005)
+    with pytest.warns(StabilityWarning, match="several balances"):
+        answers = hhr.answer_points(model, [[0.0, 10.0], [0.0, 90.0]])
+    assert answers.columns["several balances"].tolist() == [0.0, 1.0]
 
 
 @pytest.mark.parametrize(
