@@ -65,7 +65,9 @@ def heat_header(data: HeatData, name: str) -> tuple[str, Tree]:
     }
     text = (resources.files(__package__) / "heat.h").read_text(encoding="utf-8")
     text = text.replace("MODEL_TITLE", name).replace("/*DATA*/", "\n".join(_declared(data, tree)))
-    return mechanics + prefixed(text, {"model": name, "mechanics": f"{name}_mechanics"}), tree
+    text = prefixed(text, {"model": name, "mechanics": f"{name}_mechanics"})
+    comment, end, rest = text.partition("*/\n")  # how to use it comes before what it uses
+    return f"{comment}{end}{mechanics}{rest}", tree
 
 
 def _declared(data: HeatData, tree: Tree) -> Iterator[str]:

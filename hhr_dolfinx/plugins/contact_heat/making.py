@@ -185,11 +185,23 @@ def condense_transient_heat(
             csc_matrix(prepared.system.capacity),
             found.step_error,
             shortest if tolerance else 0.0,
+            tuple(body.tag for body in scene.bodies),
+            _owners(prepared.full),
         )
     )
     full = prepared.full
     full.strains.corners(full, cast("AnsweringModel", _LongStep(model, heat)))
     return model
+
+
+def _owners(full: FullOrderModel) -> np.ndarray:
+    """Number of the body of each node in the scene; the last one of a node of several."""
+    problem = full.problem
+    owners = np.zeros(len(problem.points), dtype=np.int64)
+    numbers = full.discretisation.cell_bodies()
+    for number in range(len(full.scene.bodies)):
+        owners[np.unique(problem.cell_nodes[numbers == number])] = number
+    return owners
 
 
 @dataclass(frozen=True)

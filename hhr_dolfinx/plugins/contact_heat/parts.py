@@ -11,7 +11,7 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.models.condensed import CondensedModel
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, Tag
 from hhr_dolfinx.plain import Rebuilt
 
 
@@ -104,3 +104,5 @@ class TransientParts(Rebuilt):
     #: lengths of steps for which modes were not made; 0 with all modes
     step_error: float
     shortest: float = 0.0  #: shortest step that modes were made for; 0 for any
+    tags: tuple[Tag, ...] = ()  #: bodies
+    owners: Annotated[Integers, "n"] | None = None  #: number of the body of each node

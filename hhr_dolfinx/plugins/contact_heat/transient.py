@@ -15,7 +15,7 @@ from scipy.sparse.linalg import splu
 
 from hhr_dolfinx.errors import ConvergenceError, OutsideTrainingWarning, ParameterError
 from hhr_dolfinx.models.functionals.functional import Outputs
-from hhr_dolfinx.parameters import PointLike, is_number
+from hhr_dolfinx.parameters import PointLike, Tag, is_number
 from hhr_dolfinx.plugins.contact_heat.by_sets import SetResponses, solved
 from hhr_dolfinx.plugins.contact_heat.heated import HeatAnswer, HeatedModel, continued
 from hhr_dolfinx.plugins.contact_heat.newton import (
@@ -32,8 +32,8 @@ Points = PointLike | Sequence[PointLike]
 """Parameters of all steps, (P,), or of each, (n, P), or values by name of one or each."""
 Times = Sequence[float] | np.ndarray
 """Ends of steps, (n,)."""
-Start = float | np.ndarray
-"""Temperature of all nodes, or of each, (nodes,)."""
+Start = float | np.ndarray | Mapping[Tag, float]
+"""Temperature of all nodes, of each, (nodes,), or of each body by its tag."""
 LOST_START = 0.01
 """Part of the temperatures at the start that modes may lose without a word."""
 STEADY_STEP = 1e6
@@ -123,8 +123,8 @@ class TransientHeatModel(HeatedModel):
             points: parameters during each step, (n, P), or one of all steps, (P,); or values by
                 name, of each or all.
             times: ends of the steps, positive and rising, (n,).
-            start: temperature at time 0: a number, or those of the nodes, (nodes,), such as
-                ``answer.temperature()`` of the steady model.
+            start: temperature at time 0: a number, one of each body by its tag, or those of the
+                nodes, (nodes,), such as ``answer.temperature()`` of the steady model.
             raise_on_failure: raise where a step finds no balance; else its answer and all later
                 ones are NaN.
 
@@ -252,8 +252,9 @@ class TransientHeatModel(HeatedModel):
         nodes = self._reading.shape[1]
         if is_number(start):  # bodies that are warm all over are in the modes
             return float(start) * self._reading.sum(axis=1)
+        given = self._by_node(start) if isinstance(start, Mapping) else start
         try:
-            field = np.asarray(start, dtype=float)
+            field = np.asarray(given, dtype=float)
         except (TypeError, ValueError):
             field = np.array(np.nan)
         if field.shape != (nodes,) or not np.isfinite(field).all():
@@ -263,6 +264,16 @@ class TransientHeatModel(HeatedModel):
             )
         self._warn_of_lost(field)
         return self._reading @ field
+
+    def _by_node(self, start: Mapping[Tag, float]) -> list[float]:
+        """Temperatures of the nodes by those of the bodies, (nodes,)."""
+        tags = self.transient.tags
+        if set(start) != set(tags) or self.transient.owners is None:
+            raise ParameterError(
+                f"the start names bodies {sorted(map(str, start))}, and those of the scene are "
+                f"{sorted(map(str, tags))}: give each a temperature"
+            )
+        return [start[tags[number]] for number in self.transient.owners.tolist()]
 
     @cached_property
     def _parts(self) -> np.ndarray:

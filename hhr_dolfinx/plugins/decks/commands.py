@@ -102,7 +102,8 @@ def start(
     deck = deck_of(file, mesh)
     with replacing(target, text=True) as out:
         out.write(scene_text(deck, file, target))
-    for line in (*map(str, deck.left), f"{target} is written. Now: hhr check {target}"):
+    then = f", and python {target} for contact and heat" if deck.heat is not None else ""
+    for line in (*map(str, deck.left), f"{target} is written. Now: hhr check {target}{then}"):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     if deck.contact_lost:
         raise SceneError(

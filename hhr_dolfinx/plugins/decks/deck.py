@@ -28,6 +28,13 @@ class DeckMaterial:
     conductivity: float | None = None  #: of heat
     specific_heat: float | None = None  #: heat per mass and temperature
 
+    @property
+    def capacity(self) -> float | None:
+        """Heat per volume and temperature; None if the deck does not have it."""
+        if self.density is None or self.specific_heat is None:
+            return None
+        return self.density * self.specific_heat
+
 
 @dataclass(frozen=True)
 class Section:

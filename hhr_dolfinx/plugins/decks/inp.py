@@ -130,7 +130,6 @@ class _DeckParts:
         parts = self.parts
         nodes = self.nodes
         todo = list(self.left)
-        heat = heat_of(blocks, state, self.sections, parts, nodes, todo)
         acting = [row for row in self._without_tools(state) if not is_heat(row)]
         gaps, grounds = gaps_of(blocks, parts, nodes, state, todo)
         acting = [
@@ -146,6 +145,8 @@ class _DeckParts:
         supports, loads = loads_of(merged(acting), parts, materials, self.thickness, todo, axis)
         loads += heated_of(blocks, acting, nodes, materials, todo)
         touching = (*pairs_of(blocks, parts, nodes, state, todo), *gaps)
+        option = [*constraints, *_serendipity(nodes)]
+        heat = heat_of(blocks, state, self.sections, option, parts, nodes, todo)
         if heat is not None:
             touching = with_conductances(blocks, touching, todo)
         sides = any(not parts.named_in(pair.text) for pair in gaps)
@@ -215,11 +216,14 @@ class _DeckParts:
 
 def _with_20_nodes(deck: Deck, nodes: DeckNodes) -> Deck:
     """Elements of 20 nodes are those of the scene too if all are integrated fully, as these."""
+    return replace(deck, constraints=(*deck.constraints, *_serendipity(nodes)))
+
+
+def _serendipity(nodes: DeckNodes) -> list[DeckLoad]:
     kinds = nodes.types
     if not kinds or not kinds <= {"C3D20", "CPE8"}:
-        return deck
-    option = DeckLoad("", "hhr.Serendipity()", 0.0, f"elements {', '.join(sorted(kinds))}")
-    return replace(deck, constraints=(*deck.constraints, option))
+        return []
+    return [DeckLoad("", "hhr.Serendipity()", 0.0, f"elements {', '.join(sorted(kinds))}")]
 
 
 def _overlapping(state: Sequence[Imposed], parts: NamedParts) -> Iterator[Left]:

@@ -51,16 +51,18 @@ def heat_of(
     blocks: Sequence[KeywordBlock],
     state: Sequence[Imposed],
     sections: Sequence[Section],
+    constraints: Sequence[DeckLoad],
     parts: NamedParts,
     nodes: DeckNodes,
     todo: list[Left],
 ) -> DeckHeat | None:
-    """Heat of a deck whose bodies conduct; None of others.
+    """Heat of a deck whose bodies conduct and follow no constraints; None of others.
 
     Args:
         blocks: keyword blocks of the deck, in the order of its lines.
         state: rows of supports, loads and heat that act.
         sections: its bodies.
+        constraints: its constraints.
         parts: bodies, surfaces and sets of the mesh.
         nodes: nodes of the deck by number.
         todo: list to which TODO lines are appended.
@@ -69,11 +71,16 @@ def heat_of(
     steps = of_kind(blocks, *COUPLED_STEPS)
     if not heated and not steps:
         return None
+    constrained = next(iter(constraints), None)
+    if constrained is not None:
+        reason = "no HEAT is written: heat is for bodies without constraints, such as ties"
+        todo.append(Left(constrained.source, "heat", reason))
+        return None
     lacking = [section for section in sections if section.material.conductivity is None]
     if lacking:
-        lines = {block.source: block for block in (*(row.block for row in heated), *steps)}
-        reason = f"body '{lacking[0].tag}' has no *CONDUCTIVITY"
-        todo += [block.left(reason) for block in lines.values()]
+        first = heated[0].block if heated else steps[0]
+        reason = f"no HEAT is written, as body '{lacking[0].tag}' has no *CONDUCTIVITY"
+        todo.append(first.left(reason))
         return None
     found = _HeatItems()
     for row in merged(heated):
@@ -85,6 +92,8 @@ def heat_of(
     ]
     last = steps[-1] if steps else None
     transient = last is not None and "STEADY STATE" not in last.options
+    if last is not None and transient:
+        todo += _of_time(last, heated, sections)
     start = _starts(blocks, sections, nodes, todo)
     return DeckHeat(
         tuple(found.temperatures),
@@ -92,6 +101,23 @@ def heat_of(
         start,
         period_of(last) if last is not None and transient else 0.0,
     )
+
+
+def _of_time(
+    step: KeywordBlock, heated: Sequence[Imposed], sections: Sequence[Section]
+) -> Iterator[Left]:
+    """TODO lines of a step in time."""
+    lacking = [section.tag for section in sections if section.material.capacity is None]
+    if lacking:
+        yield step.left(
+            f"body '{lacking[0]}' has no *DENSITY or no *SPECIFIC HEAT: the steady state is written"
+        )
+    varied = {row.block.source: row.block for row in heated if "AMPLITUDE" in row.block.options}
+    for block in varied.values():
+        yield block.left(
+            "AMPLITUDE: its value at the end counts in all steps here: give model.march a point "
+            "for each step"
+        )
 
 
 def _read(
@@ -184,9 +210,13 @@ def with_conductances(
         if heat is not None:
             sliding = _sliding(heat, pair.friction, todo)
         if pair.friction:
-            reason = "heat through contacts is for pairs without friction, which is left out"
+            reason = "heat is for pairs without friction: friction= is left out of the pair"
             todo.append(Left(pair.source, "*FRICTION", reason))
-        heated.append(replace(pair, friction=0.0, conductance=conductance, sliding=sliding))
+        if pair.curve:
+            reason = f"heat is for hard contact: law={pair.curve} is left out of the pair"
+            todo.append(Left(pair.source, "*SURFACE BEHAVIOR", reason))
+        changed = replace(pair, friction=0.0, curve="")
+        heated.append(replace(changed, conductance=conductance, sliding=sliding))
     return tuple(heated)
 
 
@@ -196,15 +226,18 @@ def _sliding(block: KeywordBlock, friction: float, todo: list[Left]) -> str:
     speed = block.value(block.rows[0], 2)
     if len(block.rows[0]) < 2 or not block.rows[0][1]:
         share = 0.5
+    coefficient = friction * block.value(block.rows[0], 0)
+    if not coefficient:
+        todo.append(block.left("its pair has no *FRICTION, and makes no heat"))
+        return ""
     if speed <= 0:
         todo.append(
             block.left(
                 "the speed is that of the surfaces, which is not read: give it, "
-                f"sliding={{CONTACT: hhr.SlidingHeat({friction!r}, SPEED, {share!r})}} of HEAT"
+                f"sliding={{CONTACT: hhr.SlidingHeat({coefficient!r}, SPEED, {share!r})}} of HEAT"
             )
         )
         return ""
-    coefficient = friction * block.value(block.rows[0], 0)
     return f"hhr.SlidingHeat({coefficient!r}, {speed!r}, {share!r})"
 
 

@@ -83,11 +83,7 @@ def _heat(deck: Deck, heat: DeckHeat, amplitude_of: Mapping[Item, str]) -> Itera
         "conductivity": {tag: one.conductivity for tag, one in materials.items()},
         "expansion": {tag: one.expansion for tag, one in materials.items() if one.expansion},
         "reference": {tag: start for tag, start in heat.starts.items() if materials[tag].expansion},
-        "capacity": {
-            tag: one.density * one.specific_heat
-            for tag, one in materials.items()
-            if one.density and one.specific_heat
-        },
+        "capacity": {tag: one.capacity for tag, one in materials.items() if one.capacity},
     }
     yield ""
     yield "HEAT = hhr.Heat("
@@ -100,11 +96,12 @@ def _heat(deck: Deck, heat: DeckHeat, amplitude_of: Mapping[Item, str]) -> Itera
     for name, loads in ((name, loads) for name, loads in given.items() if loads):
         yield f"    {name}=["
         for load in loads:
-            value = amplitude_of.get(load, repr(load.value))
+            value = _formula(amplitude_of.get(load, repr(load.value)))
             yield f"        {load.text.replace('{}', value)},  # {load.source}"
         yield "    ],"
     yield ")"
-    start = max(heat.starts.values(), default=0.0)
+    alike = len(set(heat.starts.values())) == 1
+    start = next(iter(heat.starts.values())) if alike else dict(heat.starts)
     yield ""
     yield 'if __name__ == "__main__":  # contact and heat together'
     yield "    point = scene.parameters.middle"
@@ -115,6 +112,12 @@ def _heat(deck: Deck, heat: DeckHeat, amplitude_of: Mapping[Item, str]) -> Itera
         yield "        print(answer.outputs())"
     else:
         yield "    print(hhr.condense_heat(scene, HEAT).solve(point).outputs())"
+
+
+def _formula(amplitude: str) -> str:
+    """An amplitude as a formula, text of Python."""
+    found = re.fullmatch(r"hhr\.Amplitude\(slopes=\{'(\w+)': (.*)\}\)", amplitude)
+    return amplitude if found is None else repr(f"{found[2]} * {found[1]}")
 
 
 def _scene(
@@ -221,14 +224,18 @@ def _instructions(deck: Deck, target: Path, parameters: Sequence[Proposed]) -> I
         else "the middle of the box, which is the state of the file"
     )
     yield f"    hhr check {target.name}    # what is held, loaded and in contact, with a picture"
-    if deck.history is None:
+    if deck.heat is not None:
+        yield f"    python {target.name}    # contact and heat together, in {middle}"
+    elif deck.history is None:
         yield f"    hhr solve {target.name}{duration}    # {middle}"
     else:
         yield f"    hhr march {target.name}    # the steps of the file, one after another"
-    if deck.heat is not None:
-        yield f"    python {target.name}    # contact and heat together, which hhr solve leaves out"
-    else:
+    if deck.heat is None:
         yield f"    hhr reduce {target.name}   # a small model for all of the box"
+    else:
+        yield ""
+        yield "Other commands leave HEAT out; its parameters, of which they say that they have no"
+        yield "effect, must stay."
     yield ""
     for mu in (mu for mu in parameters if mu.free):
         value = "a proposal" if deck.proposal else f"and {mu.value:g} in the file, {_origin(mu)}"

@@ -11,6 +11,7 @@ from deck_texts import block_lines
 from needs import needs
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import ParameterError
 
 pytestmark = [needs("contact_heat"), pytest.mark.filterwarnings("ignore:parameters")]
 TABLE = "2., 0., 0.\n30., 20., 0.\n50., 60., 0."
@@ -143,6 +144,43 @@ def test_steps_in_time_are_printed_by_the_file(tmp_path):
         assert f"heat 0 = {answer.heat_through(0):.6g}" in said
 
 
+def test_bodies_start_from_their_own_temperatures(tmp_path):
+    """As *INITIAL CONDITIONS of two sets say; amplitudes of a step in time are a TODO line."""
+    text = deck(0.3, "LOWER_Z0", "20., , 0.")
+    text = text.replace("*CONDUCTIVITY", "*DENSITY\n2.\n*SPECIFIC HEAT\n1.5\n*CONDUCTIVITY")
+    text = text.replace(", STEADY STATE\n1., 1.", "\n.01, .1")
+    sets = "*NSET, NSET=NLO, ELSET=LOWER\n*NSET, NSET=NUP, ELSET=UPPER\n*MATERIAL"
+    text = text.replace("*MATERIAL", sets).replace("ALL, 0.", "NLO, 20.\nNUP, 60.")
+    curve = "*AMPLITUDE, NAME=A\n0., 0., .1, 1.\n*SURFACE INTERACTION"
+    text = text.replace("*SURFACE INTERACTION", curve)
+    text = text.replace("*END STEP", "*DFLUX, AMPLITUDE=A\nLOWER, BF, 3.\n*END STEP")
+    scene, heat, said = heated(tmp_path, text)
+    assert "AMPLITUDE: its value at the end counts in all steps" in said
+    model = hhr.condense_transient_heat(scene, heat, tolerance=0)
+    start = {"LOWER": 20.0, "UPPER": 60.0}
+    full = hhr.FullOrderModel(scene)
+    of_upper = np.zeros(len(full.problem.points), dtype=bool)
+    of_upper[full.discretisation.surface("UPPER_BOTTOM").nodes] = True
+    of_upper |= full.problem.points[:, 2] > 1.1
+    by_node = np.where(of_upper, 60.0, 20.0)
+    answers = [
+        model.march(scene.parameters.middle, [0.01], given)[0].temperature()
+        for given in (start, by_node)
+    ]
+    np.testing.assert_allclose(answers[0], answers[1], rtol=1e-12)
+    assert '"UPPER": 60.0})' in (tmp_path / "deck.py").read_text()
+    with pytest.raises(ParameterError, match="the start names bodies"):
+        model.march(scene.parameters.middle, [0.1], {"LOWER": 20.0})
+
+
+def test_values_of_one_block_have_a_common_factor(tmp_path):
+    text = deck(0.3, "LOWER_Z0", "20., , 0.").replace(f"11, 11, {COLD}", "11, 11, 20.")
+    scene, heat, _ = heated(tmp_path, text)
+    texts = [item.temperature.text for item in heat.temperatures]
+    assert texts == ["20.0 * temperature", "100.0 * temperature"]
+    assert scene.parameters.middle[1] == pytest.approx(1.0)
+
+
 def printed(folder):
     """What the file prints."""
     ended = subprocess.run(
@@ -199,14 +237,27 @@ def test_heat_of_friction_is_that_of_calculix(share, tmp_path):
         ("*END STEP", "*DFLUX\nUPPER, S3NU, 5.\n*END STEP", "no counterpart: S3NU"),
         ("*END STEP", "*DFLUX\nNONE, BF, 5.\n*END STEP", "holds no whole body"),
         ("*CONDUCTIVITY\n20.0", "*DENSITY\n1.", "body 'LOWER' has no *CONDUCTIVITY"),
+        ("ALL, 0.", "ALL, 0.\n*TIE, NAME=T\nUPPER_TOP, LOWER_BOTTOM", "without constraints"),
+        ("*CONDUCTIVITY", "*DENSITY\n1.\n*CONDUCTIVITY", "no *DENSITY or no *SPECIFIC HEAT"),
+        ("*CONTACT PAIR", "*GAP HEAT GENERATION\n1., .5, 9.\n*CONTACT PAIR", "makes no heat"),
+        (
+            "*CONTACT PAIR",
+            "*FRICTION\n.3\n*GAP HEAT GENERATION\n.5, .2\n*CONTACT PAIR",
+            "hhr.SlidingHeat(0.15, SPEED, 0.2)",
+        ),
+        ("PRESSURE-OVERCLOSURE=LINEAR\n1e7", "NO SEPARATION", "law=hhr.NoSeparation() is left out"),
         ("*END STEP", "*RADIATE\nLOWER, R5, 10., .9\n*END STEP", "*RADIATE: no counterpart"),
     ],
 )
 def test_what_has_no_counterpart_is_a_line(before, after, todo, tmp_path):
     text = deck(0.3, conductance="20., , 0.").replace(before, after)
+    if "DENSITY" in todo:
+        text = text.replace(", STEADY STATE", "")
     said = started(tmp_path, text)[1]
     assert todo in " ".join(said.split())
     heat = runpy.run_path(tmp_path / "deck.py").get("HEAT")
-    assert (heat is None) == ("CONDUCTIVITY" in before)
+    assert (heat is None) == ("*CONDUCTIVITY" in todo or "constraints" in todo)
+    if heat is not None:
+        assert "heat 0 = " in printed(tmp_path)
     if "as a clearance" in todo:
         assert heat.conductance[0] == "table(g, 0.0, 9.0, 0.1, 1.0, 1000000000.0, 1.0)"
