@@ -178,8 +178,8 @@ without: setup
 slow: setup
 	.venv/bin/python -m pytest -m slow --record=tests/slow_report.json -n auto --maxprocesses 4 --dist worksteal
 
-# one of fifteen parts of these tests, chosen by the commit: what none of the others sees is seen a few commits later
-SLICE = $(shell echo $$((0x$$(git rev-parse --short=6 HEAD 2>/dev/null || echo 0) % 15)))/15
+# one of twenty parts of these tests, chosen by the commit: what none of the others sees is seen a few commits later
+SLICE = $(shell echo $$((0x$$(git rev-parse --short=6 HEAD 2>/dev/null || echo 0) % 20)))/20
 slice: setup
 	.venv/bin/python -m pytest -m slow --slice=$(SLICE) -n auto --maxprocesses 4 --dist worksteal
 

@@ -179,9 +179,18 @@ def folder(tmp_path, monkeypatch):
     full = hhr.FullOrderModel(vars_of("my_scene.py")["scene"], MPI.COMM_SELF)
     hhr.save_model("model.npz", hhr.condense(full, fields=True))
     hhr.scenery_of(full).write("scenery.npz")
+    hhr.save_heat_model("warm.npz", warm(full.scene))
     for name in ("questions.csv", "points.csv"):
         Path(name).write_text("travel,lowered\n0.9,0.1\n0.5,0.2\n0.1,0.1\n")
     return tmp_path
+
+
+def warm(scene):
+    """A model with heat: the spring is warm where it is held."""
+    fixed = hhr.FixedTemperature(scene.displacements[0].tag, 80.0)
+    tag = scene.bodies[0].tag
+    heat = hhr.Heat({tag: 50.0}, {}, expansion={tag: 1e-5}, temperatures=[fixed])
+    return hhr.condense_heat(scene, heat)
 
 
 def vars_of(path):
@@ -203,7 +212,7 @@ def named_lines(page):
 
 
 @pytest.mark.slow
-@needs("decks", "constraints", "exporters", "mortar", "plots", "pages")
+@needs("decks", "constraints", "contact_heat", "exporters", "mortar", "plots", "pages")
 @pytest.mark.parametrize("page", [page for page in (*PAGES, *OTHERS) if named_lines(page)])
 def test_commands_of_other_pages_run(page, folder):
     if "part.msh" in " ".join(named_lines(page)):
