@@ -272,11 +272,11 @@ def without_driving(
         reference = block.word("REF NODE")
         if not is_tool(block, parts) or not reference.isdigit():
             continue
-        forces = {
-            turns.get(row.component, row.component): row.factor / thickness
-            for row in rest
-            if row.block.keyword == "CLOAD" and row.row[0].upper() == reference and row.factor
-        }
+        forces: dict[int, float] = {}
+        for row in rest:
+            if row.block.keyword == "CLOAD" and row.row[0].upper() == reference and row.factor:
+                along = turns.get(row.component, row.component)
+                forces[along] = forces.get(along, 0.0) + row.factor / thickness
         if not forces:
             continue
         rest = [

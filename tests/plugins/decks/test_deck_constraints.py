@@ -700,8 +700,8 @@ def test_a_body_in_a_hole_beside_a_larger_one(tmp_path):
 
 @needs("rigid_tools", "floating")
 def test_a_force_on_a_rigid_surface_is_a_line_to_paste(tmp_path):
-    """It names the reference point, and force and moment by component."""
-    deck = bar("*CLOAD\n900, 1, -4.\n900, 5, 2.").replace(
+    """It names the reference point, and force and moment by component; rows of one add up."""
+    deck = bar("*CLOAD\n900, 1, -3.\n900, 1, -1.\n900, 5, 2.").replace(
         "*STEP",
         "*NODE\n900, 10., .5, .5\n*SURFACE, TYPE=CYLINDER, NAME=TOOL\n"
         "10., -1., 0., 10., 2., 0.\n10., -1., 1.\nSTART, 0., 0.\nLINE, 3., 0.\n"
