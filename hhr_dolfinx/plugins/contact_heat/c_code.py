@@ -10,7 +10,7 @@ from importlib import resources
 import numpy as np
 
 from hhr_dolfinx.formulas import Scalar
-from hhr_dolfinx.plugins.contact_heat.parts import HeatParts, SlidingParts
+from hhr_dolfinx.plugins.contact_heat.parts import HeatParts
 from hhr_dolfinx.plugins.exporters.c_header import (
     Tree,
     c_header,
@@ -73,8 +73,7 @@ def heat_header(data: HeatData, name: str) -> tuple[str, Tree]:
 def _declared(data: HeatData, tree: Tree) -> Iterator[str]:
     """Declarations of sizes, names, arrays and formulas."""
     parts = data.parts
-    nothing = SlidingParts(np.zeros(0, int), (), np.zeros(0, int), np.zeros((0, 0)))
-    sliding = parts.sliding or nothing
+    sliding = parts.sliding
     sizes = {
         "PARAMETERS": len(tree["names"]),
         "GIVEN": len(parts.parameters.names),

@@ -181,7 +181,7 @@ def _falls_of_sliding(full: FullOrderModel, jumps: csr_matrix, heat: Heat) -> cs
     slides, (g, n): as a flow, heat enters both.
     """
     rows = sliding_conditions(full, heat)
-    falls = csr_matrix(jumps[rows]).copy()
+    falls = csr_matrix(jumps[rows])
     firsts = {
         pair: full.discretisation.surface(full.scene.contacts[pair].tags[0]).nodes
         for pair in heat.sliding

@@ -87,7 +87,7 @@ class HeatedModel:
     @property
     def sliding(self) -> list[int]:
         """Numbers of the contacts whose surfaces slide."""
-        return [] if self.parts.sliding is None else self.parts.sliding.contacts.tolist()
+        return self.parts.sliding.contacts.tolist()
 
     @property
     def sliding_conditions(self) -> np.ndarray:

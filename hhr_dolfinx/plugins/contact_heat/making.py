@@ -21,6 +21,7 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.formulas import Scalar, box_samples, coordinate_names, formula_of
 from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.models.answer import ListedAnswers
 from hhr_dolfinx.parameters import ParameterSpace, is_number
 from hhr_dolfinx.plugins.contact_heat.conduction import (
     HeatSystem,
@@ -38,7 +39,6 @@ from hhr_dolfinx.plugins.contact_heat.parts import (
     SlidingParts,
     TransientParts,
 )
-from hhr_dolfinx.plugins.contact_heat.rows import HeatAnswers
 from hhr_dolfinx.plugins.contact_heat.sliding import FrictionSources
 from hhr_dolfinx.plugins.contact_heat.thermal_loads import (
     FLOW,
@@ -236,13 +236,11 @@ class _Prepared:
             self.sliding(),
         )
 
-    def sliding(self) -> SlidingParts | None:
-        """Contacts that make heat as they slide; None where there are none."""
+    def sliding(self) -> SlidingParts:
+        """Contacts that make heat as they slide."""
         conditions = sliding_conditions(self.full, self.heat)
         places = self.full.problem.contact_points[conditions]
         contacts = sorted(self.heat.sliding)
-        if not contacts:
-            return None
         names = (
             *self.scene.parameters.names,
             *coordinate_names(self.scene.hypothesis)[: places.shape[1]],
@@ -304,7 +302,7 @@ class _FirstBalance:
 
     model: HeatModel
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool, outside: str) -> HeatAnswers:
+    def solve_many(self, points: Any, *, raise_on_failure: bool, outside: str) -> ListedAnswers:
         """Answers to points of the box, (n, P), see :meth:`HeatModel.solve_many`."""
         return self.model.solve_many(points, both=False, raise_on_failure=raise_on_failure)
 

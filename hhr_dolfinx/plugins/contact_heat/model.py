@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 import numpy as np
 
 from hhr_dolfinx.errors import ConvergenceError, StabilityWarning
+from hhr_dolfinx.models.answer import ListedAnswers
 from hhr_dolfinx.models.functionals.functional import Outputs
 from hhr_dolfinx.plugins.contact_heat.by_sets import SetResponses, solved
 from hhr_dolfinx.plugins.contact_heat.heated import HeatAnswer, HeatedModel, continued
@@ -22,7 +23,6 @@ from hhr_dolfinx.plugins.contact_heat.newton import (
 )
 from hhr_dolfinx.plugins.contact_heat.parts import HeatParts
 from hhr_dolfinx.plugins.contact_heat.rows import (
-    HeatAnswers,
     HeatFields,
     OutputColumn,
     OutputColumns,
@@ -162,7 +162,7 @@ class HeatModel(HeatedModel):
         both: bool = True,
         raise_on_failure: bool = True,
         outside: str = "refuse",
-    ) -> HeatAnswers:
+    ) -> ListedAnswers:
         """Answers to many points, (n, P), as :meth:`solve` finds them.
 
         Args:
@@ -174,7 +174,7 @@ class HeatModel(HeatedModel):
             self.solve(point, both=both, raise_on_failure=raise_on_failure, outside=outside)
             for point in checked
         )
-        return HeatAnswers(cast("tuple[Answer, ...]", answers))
+        return ListedAnswers(cast("tuple[Answer, ...]", answers))
 
     def march(self, points: Any, *, raise_on_failure: bool = True) -> list[HeatAnswer]:
         """Answers along a history, (n, P): each starts from the one before, and stays with its

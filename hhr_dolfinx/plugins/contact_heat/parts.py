@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from dataclasses import dataclass, field
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -70,6 +70,12 @@ class SlidingParts(Rebuilt):
     conditions: Annotated[Integers, "g"]  #: numbers of their conditions
     places: Annotated[Floats, "g", "d"]  #: of these conditions
 
+    @classmethod
+    def none(cls) -> Self:
+        """Parts where no surface slides."""
+        nothing = np.zeros(0, dtype=np.int64)
+        return cls(nothing, (), nothing, np.zeros((0, 0)))
+
 
 @dataclass(frozen=True, eq=False)
 class HeatParts(Rebuilt):
@@ -85,7 +91,8 @@ class HeatParts(Rebuilt):
     #: their conductances; the last two names are the pressure and the gap
     conductances: tuple[Scalar, ...]
     areas: Annotated[Floats, "m"]  #: tributary areas, (m,)
-    sliding: SlidingParts | None = None  #: contacts that make heat as they slide
+    #: contacts that make heat as they slide
+    sliding: SlidingParts = field(default_factory=SlidingParts.none)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,11 +1,9 @@
-"""Columns of outputs of models with heat, and answers to several points, for tables."""
+"""Columns of outputs of models with heat, for tables."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import NamedTuple
-
-from hhr_dolfinx.models.answer import ListedAnswers
 
 
 class OutputColumn(NamedTuple):
@@ -31,7 +29,3 @@ class HeatFields:
     functionals: OutputColumns
     output_bound: None = None
     estimated: str = ""
-
-
-class HeatAnswers(ListedAnswers):
-    """Answers with heat to several points, in their order; ``answers[k]`` is one of them."""

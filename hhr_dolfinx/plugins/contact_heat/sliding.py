@@ -24,13 +24,13 @@ class FrictionSources:
     """Heat per force of the conditions that slide (g of m, P parameters).
 
     Args:
-        parts: its data; None where no surface slides.
+        parts: its data.
         pairs: contact of each condition, (m,).
     """
 
-    def __init__(self, parts: SlidingParts | None, pairs: np.ndarray):
+    def __init__(self, parts: SlidingParts, pairs: np.ndarray):
         self._parts = parts
-        self.conditions = np.zeros(0, dtype=np.int64) if parts is None else parts.conditions
+        self.conditions = parts.conditions
         self._pairs = pairs[self.conditions]
 
     def factors(self, point: np.ndarray) -> np.ndarray:
@@ -44,7 +44,7 @@ class FrictionSources:
         """
         found = self._at(point)
         wrong = np.flatnonzero(~(np.isfinite(found) & (found >= 0)))
-        if wrong.size and self._parts is not None:
+        if wrong.size:
             row = wrong[0]
             raise SceneError(
                 f"friction times speed of contact {self._pairs[row]}, which slides, is "
@@ -54,7 +54,7 @@ class FrictionSources:
         return found
 
     def _described(self, point: np.ndarray) -> str:
-        names = () if self._parts is None else self._parts.factors[0].names
+        names = self._parts.factors[0].names
         return ", ".join(
             f"{name} = {value:g}" for name, value in zip(names, np.real(point), strict=False)
         )
@@ -71,8 +71,6 @@ class FrictionSources:
 
     def _at(self, point: np.ndarray) -> np.ndarray:
         found = np.zeros(self.conditions.size, dtype=point.dtype)
-        if self._parts is None:
-            return found
         for contact, scalar in zip(self._parts.contacts, self._parts.factors, strict=True):
             rows = self._pairs == contact
             values = dict(zip(scalar.names, (*point, *self._parts.places[rows].T), strict=True))

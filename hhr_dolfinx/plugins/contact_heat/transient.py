@@ -225,7 +225,8 @@ class TransientHeatModel(HeatedModel):
             supplied=np.zeros((0, kept.shape[1])),
         )
         without_flows = answer.levels - step.per_flow @ answer.flows
-        contact = self._of_step(answer.parameter, step, without_flows)
+        still = self._still_contact(answer.parameter)
+        contact = self._of_step(still, answer.parameter, step, without_flows)
         solution = answer.solution
         alone = CoupledSolution(
             solution.forces, solution.slack, solution.heat, np.zeros(0), 0, converged=True
@@ -330,7 +331,8 @@ class TransientHeatModel(HeatedModel):
         step = self._step(length)
         supplies = self.conduction.supplies(point)
         kept = step.weights * (amplitudes + self._warming(length) @ supplies)
-        found = self._found(self._of_step(point, step, kept), step, before)
+        still = self._still_contact(point)
+        found = self._found(self._of_step(still, point, step, kept), step, before)
         if not found.converged:
             found = _lost(self.conditions)
         made = self._sliding.factors(point) * found.forces[self._sliding.conditions]
@@ -338,17 +340,21 @@ class TransientHeatModel(HeatedModel):
         solution = CoupledSolution(
             found.forces, found.slack, found.heat, levels, found.steps, found.converged
         )
-        return self._answer(point, self._coupled(point), solution, several=False)
+        whole = self._sliding.added(still, self._per_sliding, point)
+        return self._answer(point, whole, solution, several=False)
 
     def _warming(self, length: float) -> np.ndarray:
         """Amplitudes that supplies add in a step, before they decay, (r, t)."""
         warming: np.ndarray = length * self.transient.grown - self._given
         return warming
 
-    def _of_step(self, point: np.ndarray, step: _HeatStep, kept: np.ndarray) -> CoupledContact:
-        """The problem of a step, of heat flows alone; ``kept`` are the amplitudes without them."""
+    def _of_step(
+        self, contact: CoupledContact, point: np.ndarray, step: _HeatStep, kept: np.ndarray
+    ) -> CoupledContact:
+        """The problem of a step, of heat flows alone; ``contact`` is that without the heat of
+        surfaces that slide, and ``kept`` are the amplitudes without flows.
+        """
         m = self.conditions
-        contact = self._still_contact(point)
         still = contact._replace(
             slack=contact.slack + self._per_heat[:, m:] @ kept,
             per_heat=step.per_heat,

@@ -7,15 +7,21 @@ from dataclasses import dataclass, field, replace
 
 from hhr_dolfinx.plugins.decks.deck import DeckHeat, DeckLoad, Left, Pair, Section, Tag
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
-from hhr_dolfinx.plugins.decks.inp_steps import Imposed, KeywordBlock, merged, of_kind, period_of
-from hhr_dolfinx.plugins.decks.inp_temperatures import cells_of
+from hhr_dolfinx.plugins.decks.inp_steps import (
+    COUPLED_STEPS,
+    FILMS,
+    HEATING,
+    Imposed,
+    KeywordBlock,
+    merged,
+    of_kind,
+    period_of,
+)
+from hhr_dolfinx.plugins.decks.inp_temperatures import cells_of, initial_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
 TEMPERATURE = 10
 """Component of a temperature in *BOUNDARY, which decks count from 1."""
-COUPLED_STEPS = ("COUPLED TEMPERATURE-DISPLACEMENT", "UNCOUPLED TEMPERATURE-DISPLACEMENT")
-FLUXES = ("DFLUX", "DSFLUX", "CFLUX")
-FILMS = ("FILM", "SFILM")
 BEYOND = 1e9
 """Last pressure or gap of a table, up to which its last conductance goes on."""
 _BY_PRESSURE = (
@@ -44,7 +50,7 @@ def is_heat(imposed: Imposed) -> bool:
         imposed: the row.
     """
     keyword = imposed.block.keyword
-    return keyword in FLUXES + FILMS or (keyword == "BOUNDARY" and imposed.component == TEMPERATURE)
+    return keyword in HEATING or (keyword == "BOUNDARY" and imposed.component == TEMPERATURE)
 
 
 def heat_of(
@@ -132,7 +138,6 @@ def _read(
     source = block.source
     label = row.row[1].upper()
     surface = parts.surface(row.place)
-    nowhere = block.left(f"'{row.row[0]}' is no surface of the mesh")
     if block.keyword == "BOUNDARY":
         place = parts.place(row.place)
         if place is None:
@@ -151,7 +156,7 @@ def _read(
     elif label[:1] not in ("S", "F") or not set(label[1:]) <= set("123456"):
         todo.append(block.left(f"no counterpart: {label}"))
     elif surface is None:
-        todo.append(nowhere)
+        todo.append(block.left(f"'{row.row[0]}' is no surface of the mesh"))
     elif block.keyword in FILMS:
         coefficient = block.value(row.row, 3)
         text = f"hhr.Convection({surface!r}, {coefficient!r}, {{}})"
@@ -168,14 +173,7 @@ def _starts(
     todo: list[Left],
 ) -> Mapping[Tag, float]:
     """Initial temperature of each body, which is that without thermal strain."""
-    values = {
-        number: block.number(row[1])
-        for block in of_kind(blocks, "INITIAL CONDITIONS")
-        if block.word("TYPE") == "TEMPERATURE"
-        for row in block.rows
-        if len(row) > 1
-        for number in nodes.numbers(row[0])
-    }
+    values = initial_of(blocks, nodes)
     starts: dict[Tag, float] = {}
     for section in sections:
         of_body = {

@@ -17,15 +17,13 @@ from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.geometries.abaqus_blocks import is_face, name_of_loaded, number_of
 from hhr_dolfinx.plugins.decks.deck import Left
 
-HEATING = ("DFLUX", "DSFLUX", "FILM", "SFILM", "CFLUX")
+FLUXES = ("DFLUX", "DSFLUX", "CFLUX")
+FILMS = ("FILM", "SFILM")
+HEATING = (*FLUXES, *FILMS)
 IMPOSING = ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "TEMPERATURE", *HEATING)
 """Keywords of supports and loads, and of heat."""
-TIMED = (
-    "STATIC",
-    "VISCO",
-    "COUPLED TEMPERATURE-DISPLACEMENT",
-    "UNCOUPLED TEMPERATURE-DISPLACEMENT",
-)
+COUPLED_STEPS = ("COUPLED TEMPERATURE-DISPLACEMENT", "UNCOUPLED TEMPERATURE-DISPLACEMENT")
+TIMED = ("STATIC", "VISCO", *COUPLED_STEPS)
 """Keywords of steps with a duration."""
 _TYPES = {
     "ENCASTRE": tuple(range(6)),

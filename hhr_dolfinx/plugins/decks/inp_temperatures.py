@@ -156,13 +156,7 @@ def rise_of(
         state: rows of supports and loads that act.
         nodes: nodes of the deck by number.
     """
-    initial = {
-        number: block.number(row[1])
-        for block in _starts(blocks)
-        for row in block.rows
-        if len(row) > 1
-        for number in nodes.numbers(row[0])
-    }
+    initial = initial_of(blocks, nodes)
     rise: dict[int, float] = {}
     set_of: dict[int, str] = {}  # set of the last row of each node
     # a row with the factor 0 does not act yet
@@ -176,6 +170,22 @@ def rise_of(
             rise[number] = before + imposed.factor * imposed.unit - start
             set_of[number] = imposed.row[0]
     return rise
+
+
+def initial_of(blocks: Sequence[KeywordBlock], nodes: DeckNodes) -> dict[int, float]:
+    """Temperatures of *INITIAL CONDITIONS by the number of the node.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        nodes: nodes of the deck by number.
+    """
+    return {
+        number: block.number(row[1])
+        for block in _starts(blocks)
+        for row in block.rows
+        if len(row) > 1
+        for number in nodes.numbers(row[0])
+    }
 
 
 def _starts(blocks: Sequence[KeywordBlock]) -> list[KeywordBlock]:

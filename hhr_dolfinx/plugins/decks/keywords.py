@@ -14,7 +14,7 @@ from pathlib import Path
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.geometries.abaqus_blocks import blocks
 from hhr_dolfinx.plugins.decks.deck import Left
-from hhr_dolfinx.plugins.decks.inp_steps import KeywordBlock
+from hhr_dolfinx.plugins.decks.inp_steps import COUPLED_STEPS, HEATING, KeywordBlock
 
 READ = "read"
 IDLE = "no effect"
@@ -363,7 +363,7 @@ _OF_LOADS |= {
         ),
         {"USER": _USER},
     )
-    for name in ("DFLUX", "DSFLUX", "FILM", "SFILM", "CFLUX")
+    for name in HEATING
 }
 _OF_LOADS["BOUNDARY"] = with_options(_OF_LOADS["BOUNDARY"], READ, {"FIXED": _FIXED})
 _OF_LOADS["DSLOAD"] = out_options(
@@ -394,7 +394,7 @@ _OF_STEPS = {
         read_options("", "CETOL|CREEP|DIRECT|SOLVER|EXPLICIT"), STABILIZE=_STABLE, FACTOR=_STABLE
     ),
     **dict.fromkeys(
-        ("COUPLED TEMPERATURE-DISPLACEMENT", "UNCOUPLED TEMPERATURE-DISPLACEMENT"),
+        COUPLED_STEPS,
         left_options(
             read_options("STEADY STATE", "DIRECT|SOLVER|EXPLICIT|ALPHA|DELTMX|CREEP|CETOL"),
             TIME_RESET="the time of all steps goes on",
