@@ -127,7 +127,7 @@ compose: setup
 thesis: setup
 	.venv/bin/python benchmarks/thesis/side_by_side.py --docs
 
-# models of other authors, regressions and ours on nine scenes, into docs/rivals.md; an hour on an idle core
+# models of other authors, regressions and ours on ten scenes, into docs/rivals.md; an hour on an idle core
 rivals: setup
 	.venv/bin/python benchmarks/rivals.py --docs
 

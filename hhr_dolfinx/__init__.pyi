@@ -139,6 +139,7 @@ from .plugins.resultants.outputs import ContactArea as ContactArea
 from .plugins.resultants.reactions import Reaction as Reaction
 from .plugins.rigid_tools.drive import drive as drive
 from .plugins.rigid_tools.outputs import ToolMotion as ToolMotion
+from .plugins.rivals.coarser import CoarserMesh as CoarserMesh
 from .plugins.scene_checks.mesh_error import MeshError as MeshError
 from .plugins.scene_checks.mesh_error import mesh_error as mesh_error
 from .plugins.second_order.untangled import Untangled as Untangled

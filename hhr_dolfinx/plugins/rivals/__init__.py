@@ -7,6 +7,7 @@ _HERE = "hhr_dolfinx.plugins.rivals"
 PLUGIN = Plugin(
     name="rivals",
     needs=("studies",),
+    public={f"{_HERE}.coarser": "CoarserMesh"},
     parts={
         "rivals": {
             "galerkin": f"{_HERE}.cones:galerkin",

@@ -39,7 +39,7 @@ Fit = Callable[[np.ndarray, np.ndarray], Predict]
 
 
 def gaussian_process(training: Training) -> Iterator[Rival]:
-    """Kriging with Matern 5/2, one length for each parameter."""
+    """Kriging with Matern 5/2: one length for each coefficient and parameter."""
     yield Rival("Gaussian process", "Matern 5/2", partial(Regression, training, _gaussian))
 
 
@@ -137,18 +137,50 @@ def scaled(space: ParameterSpace, points: np.ndarray) -> np.ndarray:
 
 
 def _gaussian(points: np.ndarray, values: np.ndarray) -> Predict:
+    """A process of its own for each coefficient: fine modes vary faster than coarse ones."""
     with extra("rivals", "a Gaussian process"):
         from sklearn.gaussian_process import GaussianProcessRegressor
         from sklearn.gaussian_process.kernels import Matern, WhiteKernel
 
-    count, parameters = points.shape
-    # a length below the distance of training points forgets them between: a poor optimum
-    shortest = 2 / count ** (1 / parameters)
-    lengths = Matern(np.ones(parameters), (shortest, 1e2), nu=2.5)
-    kernel = lengths + WhiteKernel(1e-4, (1e-10, 1e-1))
-    process = GaussianProcessRegressor(kernel, n_restarts_optimizer=0, random_state=0)
-    predict: Predict = process.fit(points, values).predict
-    return predict
+    kernel = Matern(np.ones(points.shape[1]), (1e-2, 1e2), nu=2.5)
+    kernel += WhiteKernel(1e-6, (1e-10, 1e-1))
+    lengths = []
+    weights = []
+    for column in values.T:
+        process = GaussianProcessRegressor(kernel, n_restarts_optimizer=0, random_state=0)
+        process.fit(points, column)
+        lengths.append(np.broadcast_to(process.kernel_.k1.length_scale, points.shape[1]))
+        weights.append(process.alpha_)
+    return Processes(points, np.array(lengths), np.array(weights))
+
+
+@dataclass(frozen=True)
+class Processes:
+    """Means of Gaussian processes with Matern 5/2 and lengths of their own.
+
+    C. E. Rasmussen and C. K. I. Williams, Gaussian Processes for Machine Learning, 2006, equations
+    2.25 and 4.17.
+
+    Attributes:
+        points: scaled training points, (S, P).
+        lengths: length of each process along each parameter, (k, P).
+        weights: weights of the kernels at the training points, (k, S).
+    """
+
+    points: np.ndarray
+    lengths: np.ndarray
+    weights: np.ndarray
+
+    def __call__(self, queries: np.ndarray) -> np.ndarray:
+        """Means at scaled parameters, (n, P); (n, k)."""
+        return np.array([self._mean(query) for query in queries])
+
+    def _mean(self, query: np.ndarray) -> np.ndarray:
+        squares = np.square(self.points - query) @ np.square(1 / self.lengths).T  # (S, k)
+        distance = np.sqrt(5 * squares)
+        kernel = (1 + distance + 5 / 3 * squares) * np.exp(-distance)
+        mean: np.ndarray = np.einsum("ks,sk->k", self.weights, kernel)
+        return mean
 
 
 def _radial(points: np.ndarray, values: np.ndarray) -> Predict:

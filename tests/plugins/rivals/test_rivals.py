@@ -303,6 +303,23 @@ def test_scenes_that_rivals_are_not_for_are_refused_by_name(trained):
         model.solve(trained.snapshots.points[0])
 
 
+def test_processes_are_those_of_the_library(trained):
+    """Means of all coefficients at once against one process each; fine ones have short lengths."""
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import Matern, WhiteKernel
+
+    space = trained.full_order.parameters
+    points = regression.scaled(space, trained.snapshots.points)
+    values = np.column_stack([np.sin(points[:, 0]), np.sin(9 * points[:, 0]) + points[:, 1]])
+    found = regression._gaussian(points, values)
+    queries = regression.scaled(space, space.random(20, 3))
+    for k, column in enumerate(values.T):
+        kernel = Matern(np.ones(2), (1e-2, 1e2), nu=2.5) + WhiteKernel(1e-6, (1e-10, 1e-1))
+        process = GaussianProcessRegressor(kernel, random_state=0).fit(points, column)
+        np.testing.assert_allclose(found(queries)[:, k], process.predict(queries), atol=1e-8)
+    assert found.lengths[1, 0] < 0.5 * found.lengths[0, 0]
+
+
 @pytest.mark.parametrize("points", [[[0.1, 0.2], [0.2, 0.2], [0.3, 0.2], [0.4, 0.2]], [[0.1, 0.2]]])
 def test_points_on_a_line_are_no_training_of_radial_functions(points):
     with pytest.raises(ReductionError, match="not all on a plane"):
