@@ -91,11 +91,10 @@ def _declared(data: HeatData, tree: Tree) -> Iterator[str]:
     yield declared_texts("output_names", [output["name"] for output in tree["outputs"]])
     yield declared_texts("output_units", [output["unit"] for output in tree["outputs"]])
     slid = data.pairs[sliding.conditions]
-    arrays = data.matrices | {
+    arrays = data.matrices | outputs_by_condition(parts, data.pairs)
+    arrays |= {
         "lower": np.array(tree["lower"]),
         "upper": np.array(tree["upper"]),
-        "flow_output": _numbers(data.pairs, parts.contacts.tolist()),
-        "friction_output": _numbers(slid, sliding.contacts.tolist()),
         "sliding": sliding.conditions,
         "places": sliding.places,
     }
@@ -105,6 +104,20 @@ def _declared(data: HeatData, tree: Tree) -> Iterator[str]:
     yield from _formulas("conductance", [conductances.get(pair) for pair in data.pairs.tolist()])
     factors = dict(zip(sliding.contacts.tolist(), sliding.factors, strict=True))
     yield from _formulas("friction", [factors[pair] for pair in slid.tolist()])
+
+
+def outputs_by_condition(parts: HeatParts, pairs: np.ndarray) -> dict[str, np.ndarray]:
+    """Output of heat flows to which each condition adds, (m,), and of heat of friction, (g,).
+
+    Args:
+        parts: data of the model.
+        pairs: contact of each condition, (m,).
+    """
+    sliding = parts.sliding
+    return {
+        "flow_output": _numbers(pairs, parts.contacts.tolist()),
+        "friction_output": _numbers(pairs[sliding.conditions], sliding.contacts.tolist()),
+    }
 
 
 def _numbers(pairs: np.ndarray, known: list[int]) -> np.ndarray:

@@ -22,7 +22,10 @@
 #define MODEL_FORGETS 1 /* answers of a unit that is reset start anew */
 #define MODEL_CONDITIONS MECHANICS_CONDITIONS
 enum { MODEL_DONE = 0, MODEL_OUTSIDE = 1, MODEL_NO_ANSWER = 2, MODEL_CHANGED = 3 };
+#ifndef MODEL_AT /* a page has other ones */
 typedef double (*model_function)(const double *);
+#define MODEL_AT(function, point) (function)(point)
+#endif
 #define model_min mechanics_min
 #define model_max mechanics_max
 #define model_table mechanics_table
@@ -98,7 +101,7 @@ static inline double model_conducted(const model_work *w, const double *point, i
     if (!model_conductance[i]) return w->added;
     memcpy(values, point, MODEL_GIVEN * sizeof(double));
     values[MODEL_GIVEN] = pressure, values[MODEL_GIVEN + 1] = gap;
-    return model_conductance[i](values) + w->added;
+    return MODEL_AT(model_conductance[i], values) + w->added;
 }
 
 /* Its derivative along the pressure, or along the gap, by a difference. */
@@ -116,7 +119,7 @@ static inline int model_set_factors(model_work *w, const double *point) {
     memcpy(values, point, MODEL_GIVEN * sizeof(double));
     for (int k = 0; k < MODEL_SLIDING; k++) {
         memcpy(values + MODEL_GIVEN, model_places + k * MODEL_COORDINATES, MODEL_COORDINATES * sizeof(double));
-        w->factors[k] = model_friction[k](values);
+        w->factors[k] = MODEL_AT(model_friction[k], values);
         if (!(w->factors[k] >= 0) || !isfinite(w->factors[k])) return 0;
     }
     return 1;
@@ -166,7 +169,7 @@ static inline int model_set_problem(model_work *w, const double *point) {
     double *amplitudes = w->amplitudes;
     memset(w->whole, 0, MECHANICS_PARAMETERS * sizeof(double));
     memcpy(w->whole, point, MODEL_GIVEN * sizeof(double));
-    for (int t = 0; t < MODEL_SUPPLIES; t++) amplitudes[t] = model_supply[t](point);
+    for (int t = 0; t < MODEL_SUPPLIES; t++) amplitudes[t] = MODEL_AT(model_supply[t], point);
 #if MODEL_MODES
     model_set_levels(w);
     memcpy(w->whole + MODEL_GIVEN + m + g, w->levels, MODEL_MODES * sizeof(double));

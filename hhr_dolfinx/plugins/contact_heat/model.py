@@ -32,6 +32,7 @@ from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.plugins.contact_heat.on_page import HeatOnPage
 
 LEAST_SIZE = 1e-3
 """Part of the sizes of a problem below which heat flows and forces count as none of their own."""
@@ -93,6 +94,14 @@ class HeatModel(HeatedModel):
         items = [OutputColumn(output.name, output.unit) for output in of_scene]
         items += [OutputColumn(name, "") for name in self.flow_outputs]
         return HeatFields(OutputColumns(tuple(items)))
+
+    def on_page(self) -> HeatOnPage:
+        """What a page of this model has beside contact, see
+        :mod:`hhr_dolfinx.plugins.pages.added`.
+        """
+        from hhr_dolfinx.plugins.contact_heat.on_page import HeatOnPage
+
+        return HeatOnPage(self)
 
     @property
     def dimension(self) -> int:

@@ -6,14 +6,19 @@ from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, NoReturn, cast
 
 import numpy as np
 from scipy.sparse import csc_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from hhr_dolfinx.errors import ConvergenceError, OutsideTrainingWarning, ParameterError
+from hhr_dolfinx.errors import (
+    ConvergenceError,
+    NotOfferedError,
+    OutsideTrainingWarning,
+    ParameterError,
+)
 from hhr_dolfinx.models.functionals.functional import Outputs
 from hhr_dolfinx.parameters import PointLike, Tag, is_number
 from hhr_dolfinx.plugins.contact_heat.by_sets import SetResponses, solved
@@ -93,6 +98,17 @@ class TransientHeatModel(HeatedModel):
         return (
             f"<condensed model with transient heat: {self.conditions} contact conditions, "
             f"{self.rates.size} modes, {len(self.parameters.names)} parameters>"
+        )
+
+    def on_page(self) -> NoReturn:
+        """Pages have steady heat.
+
+        Raises:
+            NotOfferedError: always.
+        """
+        raise NotOfferedError(
+            "a page has steady heat, hhr.condense_heat, and this model has heat in time: write a "
+            "unit that steps in time, hhr embed"
         )
 
     @property

@@ -40,6 +40,7 @@ from hhr_dolfinx.plugins.pages.stress_outputs import stress_tree
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.floating.elimination import FloatingElimination
     from hhr_dolfinx.plugins.inelastic.condensed_fields import LooseBodies
+    from hhr_dolfinx.plugins.pages.added import AddedToPage
 
 DRAWN_FROM_ABOVE = 0.3
 """Height of a contact over its width up to which it is drawn from above."""
@@ -91,7 +92,7 @@ def flows(model: KeptModel) -> bool:
 
 
 def packed(
-    model: KeptModel, scenery: Scenery, room: int
+    model: KeptModel, scenery: Scenery, room: int, added: AddedToPage | None = None
 ) -> tuple[dict[str, Json], dict[str, ArrayText]]:
     """Tree and arrays of a model that passed :func:`check_model`, with its pictures.
 
@@ -101,6 +102,7 @@ def packed(
         model: condensed model that passed the check.
         scenery: drawn mesh and contact of the scene.
         room: bytes for all arrays, as text.
+        added: what a plug-in adds to the page of this model.
 
     Returns:
         The tree, and each array as text by its name.
@@ -111,16 +113,20 @@ def packed(
         from hhr_dolfinx.plugins.pages.interpolated import bound_tree
 
         tree["bound"] = bound_tree(model, arrays)
-    tree = _drawn(tree) | {"kernel": _kernel(model, tree, arrays)}
-    tree |= pictures_of(model, scenery, arrays, room)
+    code = None if added is None else added.code
+    tree = _drawn(tree) | {"kernel": _kernel(model, tree, arrays, code)}
+    tree |= pictures_of(model if added is None else added.pictured, scenery, arrays, room)
+    if added is not None:
+        tree |= {"kind": added.kind} | added.tree(tree, scenery, arrays, room)
     return tree, arrays.texts()
 
 
-def _kernel(model: KeptModel, tree: dict[str, Any], arrays: Packed) -> dict[str, Json]:
-    """The compiled kernel that a model needs, and its data."""
-    code = np.frombuffer(
-        kernel_of(kernel_parts(tree), laws_of(model.law, "a page")), dtype=np.uint8
-    )
+def _kernel(
+    model: KeptModel, tree: dict[str, Any], arrays: Packed, given: bytes | None
+) -> dict[str, Json]:
+    """The compiled kernel that a model needs, or the one given, and its data."""
+    compiled = given or kernel_of(kernel_parts(tree), laws_of(model.law, "a page"))
+    code = np.frombuffer(compiled, dtype=np.uint8)
     data = encoded(kernel_data(tree, arrays.arrays, (tree["lower"], tree["upper"])))
     return data | {"code": arrays.put("kernel", code, "<u1")}
 

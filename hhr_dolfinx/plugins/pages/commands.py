@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hhr_dolfinx.command.speaking import guarded
 from hhr_dolfinx.command.words import KNOWN_OPTION, examples
 from hhr_dolfinx.compat import extra
-from hhr_dolfinx.errors import FileError, NotOfferedError
+from hhr_dolfinx.errors import FileError, NotOfferedError, SceneWarning
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.pages.scenery import Scenery
@@ -37,16 +37,22 @@ def page(model: Path, scene: str | None, out: Path | None, known: tuple[str, ...
     sliders for all parameters. What it draws comes from scenery.npz, which train and reduce leave
     beside the model.
     """
-    from hhr_dolfinx.command.loading import checked_target, model_of
+    from hhr_dolfinx.command.loading import any_model_of, checked_target
+    from hhr_dolfinx.plugins.pages.added import OwnPage
     from hhr_dolfinx.plugins.pages.page import check_for_page, write_model_page
+    from hhr_dolfinx.warn import ignored
 
     checked_target(out, PAGES)
-    loaded = model_of(model, known)
+    loaded = any_model_of(model, known)
     target = out or model.with_suffix(".html")
     checked_target(target, PAGES)
     with naming_condensed(model):
         check_for_page(loaded)  # before a scene is needed
-        click.echo(write_model_page(target, loaded, _scenery_of(model, scene)))
+        # the scene of a model that is more than contact may name what contact alone does not read
+        quiet = ignored(SceneWarning) if isinstance(loaded, OwnPage) else nullcontext()
+        with quiet:
+            scenery = _scenery_of(model, scene)
+        click.echo(write_model_page(target, loaded, scenery))
 
 
 def _scenery_of(model: Path, scene: str | None) -> Scenery:

@@ -117,12 +117,13 @@ SOURCES_SECTION = b"sources"
 """Name of the section of a kernel that has the digest of its sources."""
 
 
-def page_sources(parts: list[str], laws: Laws) -> dict[str, str]:
+def page_sources(parts: list[str], laws: Laws, added: str = "") -> dict[str, str]:
     """Sources of a kernel for pages by their names, of which ``page.c`` is compiled.
 
     Args:
         parts: names of optional parts of the kernel.
         laws: contact laws in C.
+        added: C of a plug-in that solves more than contact with this kernel.
     """
     sources = {f"freestanding/{name}": kernel_file(f"freestanding/{name}") for name in FREESTANDING}
     flags = "".join(
@@ -130,7 +131,7 @@ def page_sources(parts: list[str], laws: Laws) -> dict[str, str]:
         for name_of_flag, name in FLAGS_OF_PARTS.items()
     )
     sources["kernel.h"] = kernel_text(parts, laws).replace("/*DATA*/", kernel_file("sizes.h"))
-    sources["page.c"] = flags + kernel_file("page.c")
+    sources["page.c"] = flags + kernel_file("page.c") + added
     return sources
 
 

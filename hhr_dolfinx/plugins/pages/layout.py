@@ -26,15 +26,18 @@ def layouts() -> dict[str, dict[str, str]]:
     ``d`` is a double, ``i`` an int or the number of a formula, ``D`` and ``I`` point to several of
     them, ``R KIND`` to records, and ``r KIND`` is a record inside.
     """
-    text = re.sub(
-        r"/\*.*?\*/", "", kernel_file("kernel.h") + kernel_file("sizes.h"), flags=re.DOTALL
-    )
-    fields = {kind: dict(_fields(body)) for body, kind in _TYPEDEF.findall(text)}
+    fields = records_in(kernel_file("kernel.h") + kernel_file("sizes.h"))
     wanted = ["sizes", "data"]
     for kind in wanted:  # which grows
         nested = (code[2:] for code in fields[kind].values() if len(code) > 1)
         wanted += [inner for inner in nested if inner not in wanted]
     return {kind: fields[kind] for kind in wanted}
+
+
+def records_in(text: str) -> dict[str, dict[str, str]]:
+    """Codes of the fields of each record that C sources declare, see :func:`layouts`."""
+    code = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
+    return {kind: dict(_fields(body)) for body, kind in _TYPEDEF.findall(code)}
 
 
 def _fields(body: str) -> Iterator[tuple[str, str]]:
@@ -49,7 +52,7 @@ def _fields(body: str) -> Iterator[tuple[str, str]]:
 
 def encoded(kernel: KernelData) -> dict[str, Json]:
     """Layouts, sizes, data and formulas as plain values; arrays of the page are named."""
-    writer = _LayoutWriter()
+    writer = LayoutWriter(layouts(), [])
     sizes = {name.lower(): value for name, value in kernel.sizes.items()}
     return {
         "layouts": {kind: list(fields.values()) for kind, fields in layouts().items()},
@@ -59,15 +62,23 @@ def encoded(kernel: KernelData) -> dict[str, Json]:
     }
 
 
-class _LayoutWriter:
-    def __init__(self) -> None:
-        self.formulas: list[Steps] = []
+class LayoutWriter:
+    """Records as plain values; formulas become their numbers.
+
+    Args:
+        records: see :func:`layouts`.
+        formulas: known formulas, to which further ones are added.
+    """
+
+    def __init__(self, records: dict[str, dict[str, str]], formulas: list[Steps]):
+        self.records = records
+        self.formulas = formulas
 
     def record(self, record: Struct) -> list[Json]:
         """Values of the fields in their order."""
         return [
             self.value(record.fields.get(name), code)
-            for name, code in layouts()[record.kind].items()
+            for name, code in self.records[record.kind].items()
         ]
 
     def value(self, value: Field | Data, code: str) -> Json:

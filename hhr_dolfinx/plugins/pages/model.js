@@ -140,7 +140,7 @@ const hhr = (() => {
   }
 
   class Model {
-    static async of(tree, arrays) { return new Model(tree, arrays, await Kernel.of(tree, arrays)); }
+    static async of(tree, arrays) { return new this(tree, arrays, await Kernel.of(tree, arrays)); }
 
     constructor(tree, arrays, kernel) {
       Object.assign(this, { tree, arrays, kernel, m: tree.m, terms: kernel.own.sizes.terms, last: null, statuses: null });
@@ -283,7 +283,7 @@ const hhr = (() => {
     }
   }
 
-  return { decoded, Kernel, Model, formula, dot };
+  return { decoded, Kernel, Model, formula, dot, kinds: {} }; // models of plug-ins by their names
 })();
 
 if (typeof module !== "undefined") module.exports = hhr;

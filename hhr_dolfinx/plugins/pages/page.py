@@ -17,6 +17,7 @@ import numpy as np
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.models.estimates import relative_errors
+from hhr_dolfinx.plugins.pages.added import AddedToPage, OwnPage
 from hhr_dolfinx.plugins.pages.arrays import check_model, contact_tree, drawn, flows, packed
 from hhr_dolfinx.plugins.pages.packing import Json, Packed
 from hhr_dolfinx.plugins.pages.scenery import Scenery, compliance_of, thinned
@@ -47,13 +48,13 @@ PAGE_ERROR_POINTS = 100
 """Random points at which the error shown on a page is estimated."""
 
 
-def write_model_page(path: str | Path, model: KeptModel, scenery: Scenery) -> Path:
+def write_model_page(path: str | Path, model: KeptModel | OwnPage, scenery: Scenery) -> Path:
     """Write a page of a condensed model.
 
     Args:
         path: of the page, ``.html``.
         model: of ``hhr.condense``, ``hhr.train`` or a file: elastic, frictional, or condensed
-            inelastic.
+            inelastic; or of ``hhr.condense_heat``.
         scenery: mesh to draw, see :func:`hhr_dolfinx.plugins.pages.scenery_of.scenery_of`.
 
     Returns:
@@ -64,10 +65,12 @@ def write_model_page(path: str | Path, model: KeptModel, scenery: Scenery) -> Pa
             page.
         FileError: if the file cannot be written.
     """
-    check_for_page(model)
-    check_alike(model, scenery)
-    text = page_text(model, scenery)
-    _check_size(len(text.encode()), model)
+    added = model.on_page() if isinstance(model, OwnPage) else None
+    contact = model if added is None else added.contact
+    check_for_page(contact)
+    check_alike(contact, scenery)
+    text = page_text(contact, scenery, added)
+    _check_size(len(text.encode()), contact)
     with replacing(path, text=True) as file:
         file.write(text)
     return Path(path)
@@ -115,10 +118,11 @@ def check_alike(model: Any, scenery: Scenery) -> None:
         )
 
 
-def check_for_page(model: KeptModel) -> None:
+def check_for_page(model: Any) -> None:
     """Refuse a model that does not fit on a page, before its scenery, bounds and pictures are
     computed.
     """
+    model = model.on_page().contact if isinstance(model, OwnPage) else model
     check_model(model)
     arrays = Packed()
     contact_tree(model, arrays)
@@ -145,12 +149,13 @@ def _check_size(count: int, model: Any) -> None:
         )
 
 
-def page_text(model: Any, scenery: Scenery) -> str:
+def page_text(model: Any, scenery: Scenery, added: AddedToPage | None = None) -> str:
     """Text of the page.
 
     Args:
         model: condensed model.
         scenery: drawn mesh and contact of the scene.
+        added: what a plug-in adds to the page of this model.
     """
     if flows(model):
         from hhr_dolfinx.plugins.pages.flow_stress import cells_of
@@ -165,6 +170,7 @@ def page_text(model: Any, scenery: Scenery) -> str:
         model,
         scenery,
         MOST_PAGE_BYTES - SCRIPTS - sum(len(array["data"]) for array in placed.values()),
+        added,
     )
     tree |= {"scenery": of_scenery, "strained": strained}
     arrays |= placed
@@ -179,6 +185,7 @@ def page_text(model: Any, scenery: Scenery) -> str:
         f"/*{file}*/": _UNREAD.sub("", _file(file)) if needed.get(file, True) else ""
         for file in PAGE_FILES
     }
+    marked["/*ADDED*/"] = "" if added is None else _UNREAD.sub("", added.script)
     marked |= {"/*DATA*/": data, "TITLE": escape(scenery.words["scene"].replace("_", " "))}
     # in one pass: a name of the user may look like a marker
     return re.sub(

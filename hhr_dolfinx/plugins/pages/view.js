@@ -4,7 +4,7 @@
 (async () => {
   const { style, said, exactly, unit, element, prepared, colour } = drawing;
   const data = JSON.parse(document.getElementById("data").textContent);
-  const arrays = hhr.decoded(data.arrays), tree = data.tree, model = await hhr.Model.of(tree, arrays);
+  const arrays = hhr.decoded(data.arrays), tree = data.tree, model = await (hhr.kinds[tree.kind] ?? hhr.Model).of(tree, arrays);
   const scenery = tree.scenery, words = scenery.words, dim = scenery.dim;
   const points = arrays[scenery.points], places = arrays[scenery.contact_points], areas = arrays[scenery.areas];
   const pairs = arrays[scenery.pairs], at = (id) => document.getElementById(id);
@@ -225,7 +225,7 @@
   /* Displacement of the mesh; not magnified if it is visible, so that bodies do not penetrate. */
   const SEEN = 0.02;
   const field = tree.field ? new Field(at("field"), { points, triangles: arrays[scenery.triangles], lines: arrays[scenery.lines], dim }) : null;
-  const draws = field !== null && field.gl !== null;
+  const draws = field !== null && field.gl !== null, colours = model.colours?.() ?? []; // of the model beyond displacement and stress
 
   function showField() {
     const moved = draws ? model.displacement(answer) : null;
@@ -236,11 +236,13 @@
       at("exaggerate").dataset.ready = "";
     }
     const component = at("component").value, coloured = {};
+    const further = colours.find(({ name }) => name === component);
+    if (further) coloured.values = further.values(answer);
     if (component === "plastic") coloured.values = flowing.strained(answer);
     if (component === "stress") Object.assign(coloured, { values: model.stress(answer), cells: arrays[tree.stress.cells] });
     const { least, most, times } = field.show(moved, component, Number(at("exaggerate").value), coloured);
     at("times").textContent = times > 0 ? `${said(Number(times.toPrecision(2)))} times` : "not at all";
-    at("least").textContent = said(least); at("most").textContent = `${said(most)}${component === "plastic" ? "" : unit(component === "stress" ? words.stress : words.length)}`;
+    at("least").textContent = said(least); at("most").textContent = `${said(most)}${component === "plastic" ? "" : unit(further ? further.unit : component === "stress" ? words.stress : words.length)}`;
     at("drawnby").textContent = component === "stress" ? aboutStress() : "Drawn by few modes: off by some per cent.";
     const bar = at("bar"), pen = bar.getContext("2d");
     bar.width = 256;
@@ -369,6 +371,7 @@
   const names = ["length", ...axisNames.slice(0, dim)];
   names.forEach((name, k) => at("component").append(element("option", k ? `along ${name}` : "magnitude", { value: k ? k - 1 : "length" })));
   if (tree.stress) at("component").append(element("option", "von Mises' stress", { value: "stress" }));
+  for (const { name } of colours) at("component").append(element("option", name, { value: name }));
   if (flowing) at("component").append(element("option", "cumulated plastic strain", { value: "plastic" }));
   if (!draws) at("shape").replaceChildren(element("h2", "Displacement"), element("p", tree.field
     ? "This browser draws no triangles (WebGL is switched off)." : "No picture: the model has no displacement, or the few modes that a page has room for do not draw it well.", { className: "note" }));

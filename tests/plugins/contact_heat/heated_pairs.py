@@ -148,6 +148,25 @@ def heat(**more):
     return hhr.Heat(**given | more)
 
 
+SLIDING = {0: hhr.SlidingHeat("0.2 + T / 1e3", "1e3 * x", 0.8)}
+FED = {
+    "temperatures": [hhr.FixedTemperature(side(FIRST, 1, False), "T / 5")],
+    "supplies": [
+        hhr.HeatSource(SECOND, "table(T, 0, 0, 100, 200, 200, 300) + 1e3 * push"),
+        hhr.Convection(side(SECOND, 1, True), 0.1, 20.0),
+    ],
+}
+GIVEN = [
+    ("plane_strain", {}),
+    ("axisymmetric", FED),
+    # the upper block is fed by its source and contact alone
+    ("plane_strain", {**FED, "supplies": FED["supplies"][:1]}),
+    ("plane_strain", {**FED, "supplies": FED["supplies"][:1], "sliding": SLIDING}),
+    ("plane_strain", {"conductance": {}, "sliding": SLIDING}),
+]
+"""Hypotheses and arguments of heat that C and pages are asked for."""
+
+
 def _shapes(a, b):
     """Bilinear functions and their slopes, nodes in the order of DOLFINx."""
     values = np.array([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b])

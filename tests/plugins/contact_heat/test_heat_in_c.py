@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from compiled_models import NO_ANSWER, OUTSIDE, Instance, at, built, compiled
-from heated_pairs import blocks, heat, rod_scene
+from heated_pairs import FED, GIVEN, SLIDING, blocks, heat, rod_scene
 from shell import invoke
 
 import hhr_dolfinx as hhr
@@ -44,14 +44,6 @@ int ask(int count, const double *lengths, const double *points, double *forces,
     return status;
 }
 """
-SLIDING = {0: hhr.SlidingHeat("0.2 + T / 1e3", "1e3 * x", 0.8)}
-FED = {
-    "temperatures": [hhr.FixedTemperature(side(FIRST, 1, False), "T / 5")],
-    "supplies": [
-        hhr.HeatSource(SECOND, "table(T, 0, 0, 100, 200, 200, 300) + 1e3 * push"),
-        hhr.Convection(side(SECOND, 1, True), 0.1, 20.0),
-    ],
-}
 
 
 def asked(folder, model, points, anew=True):
@@ -64,22 +56,8 @@ def asked(folder, model, points, anew=True):
     return ask(len(points), anew, *at(points, *found)), *found
 
 
-def fed_alone(**more):
-    """The upper block is fed by its source and contact alone."""
-    return {**FED, "supplies": FED["supplies"][:1], **more}
-
-
 @pytest.mark.filterwarnings("ignore:parameters")
-@pytest.mark.parametrize(
-    ("hypothesis", "given"),
-    [
-        ("plane_strain", {}),
-        ("axisymmetric", FED),
-        ("plane_strain", fed_alone()),
-        ("plane_strain", fed_alone(sliding=SLIDING)),
-        ("plane_strain", {"conductance": {}, "sliding": SLIDING}),
-    ],
-)
+@pytest.mark.parametrize(("hypothesis", "given"), GIVEN)
 def test_a_header_answers_as_python_does(hypothesis, given, tmp_path):
     """To round-off; slopes by differences of steps of 1e-5 of the box, exact ones in Python."""
     model = hhr.condense_heat(blocks(hypothesis), heat(**given))

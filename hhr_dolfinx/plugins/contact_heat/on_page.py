@@ -1,0 +1,211 @@
+"""Steady heat on a page: ``heat.h`` beside the kernel of contact, and temperatures to draw."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.plugins.contact_heat.c_code import outputs_by_condition
+from hhr_dolfinx.plugins.exporters.c_header import prefixed
+from hhr_dolfinx.plugins.pages.kernel import page_sources
+from hhr_dolfinx.plugins.pages.laws import Laws
+from hhr_dolfinx.plugins.pages.layout import LayoutWriter, layouts, records_in
+from hhr_dolfinx.plugins.pages.packing import (
+    BASE64,
+    FIELD,
+    MODE_BYTES,
+    Json,
+    Packed,
+    modes_of,
+    packed_levels,
+    steps_of,
+)
+from hhr_dolfinx.plugins.pages.records import RecordedFormula, Struct
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from hhr_dolfinx.models.condensed import CondensedModel
+    from hhr_dolfinx.plugins.contact_heat.model import HeatModel
+    from hhr_dolfinx.plugins.pages.scenery import Scenery
+
+KERNEL = Path(__file__).with_name("heat.wasm")
+"""The compiled kernel of contact with heat."""
+
+
+def heat_sources() -> dict[str, str]:
+    """Sources of that kernel, see :func:`~hhr_dolfinx.plugins.pages.kernel.page_sources`."""
+    text = "".join(map(_file, ("sizes.h", "heat.h", "page.c")))
+    return page_sources([], Laws(None, ()), prefixed(text, {"model": "heat", "mechanics": "model"}))
+
+
+def _file(name: str) -> str:
+    return (resources.files(__package__) / name).read_text(encoding="utf-8")
+
+
+@dataclass(frozen=True, eq=False)
+class HeatOnPage:
+    """See :class:`~hhr_dolfinx.plugins.pages.added.AddedToPage`."""
+
+    kind: ClassVar[str] = "heat"
+
+    model: HeatModel
+
+    @property
+    def script(self) -> str:
+        """Script of the page."""
+        return _file("heat.js")
+
+    @property
+    def code(self) -> bytes:
+        """Kernel of the page."""
+        return KERNEL.read_bytes()
+
+    @property
+    def contact(self) -> CondensedModel:
+        """Contact under heat flows and temperatures that are given."""
+        return self.model.mechanical
+
+    @cached_property
+    def pictured(self) -> HeatPictured:
+        """The model as pictures read it."""
+        return HeatPictured(self.model)
+
+    def tree(
+        self, tree: dict[str, Any], scenery: Scenery, arrays: Packed, room: int
+    ) -> dict[str, Json]:
+        """See :class:`~hhr_dolfinx.plugins.pages.added.AddedToPage`."""
+        space = self.model.parameters
+        outputs = [*tree["outputs"], *({"name": name, "unit": ""} for name in self._flows)]
+        count = len(space.names)
+        kernel = tree["kernel"]
+        largest = sys.float_info.max  # the kernel is asked for any heat flow
+        for name, end in (("lower", -largest), ("upper", largest)):
+            ends = kernel["data"][list(layouts()["data"]).index(name)]
+            ends[count:] = [end] * (len(ends) - count)
+        return {
+            "names": list(space.names),
+            "lower": list(map(float, space.lower)),
+            "upper": list(map(float, space.upper)),
+            "outputs": outputs,
+            "kernel": kernel | self._kernel(kernel, len(outputs), arrays),
+            "heat": {
+                "supplies": len(self.model.conduction.amplitudes),
+                "temperature": self._temperature(scenery, arrays, room),
+            },
+        }
+
+    @property
+    def _flows(self) -> list[str]:
+        return self.model.flow_outputs
+
+    def _kernel(self, kernel: dict[str, Any], outputs: int, arrays: Packed) -> dict[str, Json]:
+        """Records of heat in the kernel."""
+        model = self.model
+        parts = model.parts
+        sliding = parts.sliding
+        records = {f"heat_{name}": fields for name, fields in records_in(_file("sizes.h")).items()}
+        writer = LayoutWriter(records, list(kernel["formulas"]))
+        sizes = {
+            "parameters": len(model.parameters.names),
+            "outputs": outputs,
+            "bodies": len(model.conduction.supplied),
+            "sliding": sliding.conditions.size,
+            "coordinates": sliding.places.shape[1],
+            "supplies": len(model.conduction.amplitudes),
+            "conducting": parts.contacts.size,
+            "rubbing": sliding.contacts.size,
+        }
+        conductances = dict(zip(parts.contacts.tolist(), parts.conductances, strict=True))
+        factors = dict(zip(sliding.contacts.tolist(), sliding.factors, strict=True))
+        slid = model.pairs[sliding.conditions]
+        numbers = outputs_by_condition(parts, model.pairs) | {"sliding": sliding.conditions}
+        data: dict[str, Any] = {
+            "lower": np.array(model.parameters.lower, dtype=float),
+            "upper": np.array(model.parameters.upper, dtype=float),
+            "supply": _recorded(model.conduction.amplitudes),
+            "conductance": _recorded([conductances.get(pair) for pair in model.pairs.tolist()]),
+            "friction": _recorded([factors[pair] for pair in slid.tolist()]),
+        }
+        data |= {
+            name: arrays.put(f"heat_{name}", matrix)
+            for name, matrix in {**model.coupling, "places": sliding.places}.items()
+        }
+        data |= {name: arrays.put(f"heat_{name}", rows, "<i4") for name, rows in numbers.items()}
+        heat = {
+            "sizes": writer.record(Struct("heat_sizes", sizes)),
+            "data": writer.record(Struct("heat_data", data)),
+        }
+        layouts = {name: list(fields.values()) for name, fields in records.items()}
+        return {
+            "layouts": kernel["layouts"] | layouts,
+            "formulas": writer.formulas,
+            "heat": heat,
+        }
+
+    def _temperature(self, scenery: Scenery, arrays: Packed, room: int) -> dict[str, Json] | None:
+        """Modes of temperatures of the drawn nodes, and their map from supplies, heat flows, heat
+        of friction and levels; None without room.
+        """
+        conduction = self.model.conduction
+        nodes = scenery.nodes
+        count = len(self.model.parameters.names)
+        points = self.pictured.points
+        if not points:
+            return None
+        seen = np.array([conduction.temperature(point, count)[nodes] for point in points]).T
+        bytes_left = min(MODE_BYTES, room - arrays.size)
+        modes = modes_of(seen, FIELD, int(bytes_left / (2 * BASE64)))
+        if modes is None:
+            return None
+        columns = (conduction.temperatures, -conduction.per_heat, conduction.levels)
+        by = np.hstack([modes.T @ column[nodes] for column in columns])
+        tree: dict[str, Json] = {"kind": "linear", "heat": arrays.put("heat_by", by)}
+        return tree | packed_levels("heat_modes", modes.T, arrays)
+
+
+def _recorded(scalars: Any) -> list[RecordedFormula]:
+    return [RecordedFormula(steps_of(scalar)) for scalar in scalars]
+
+
+@dataclass(eq=False)
+class HeatPictured:
+    """A model with heat as pictures read a condensed model.
+
+    Attributes:
+        points: points of the contact problem of all answers that pictures were made of.
+    """
+
+    model: HeatModel
+    points: list[np.ndarray] = field(default_factory=list)
+
+    equilibrium: ClassVar[None] = None
+
+    def __post_init__(self) -> None:
+        mechanical = self.model.mechanical
+        self.parameters = self.model.parameters
+        self.fields = mechanical.fields
+        self.law = mechanical.law
+        self.eliminated = mechanical.eliminated
+        self.dimension = mechanical.dimension
+        self.conditions = mechanical.conditions
+
+    def solve_many(self, points: np.ndarray, **how: Any) -> Iterator[Answer]:
+        """Answers of the contact problem under heat, where there is a balance.
+
+        Args:
+            points: parameters of the user, (n, P).
+            **how: not read.
+        """
+        for point in points:
+            answer = self.model.solve(point, both=False, raise_on_failure=False)
+            if answer.converged:
+                self.points.append(answer.heated)
+                yield answer.mechanical
