@@ -40,22 +40,27 @@ Fit = Callable[[np.ndarray, np.ndarray], Predict]
 
 def gaussian_process(training: Training) -> Iterator[Rival]:
     """Kriging with Matern 5/2: one length for each coefficient and parameter."""
-    yield Rival("Gaussian process", "Matern 5/2", partial(Regression, training, _gaussian))
+    yield from _by_regression("Gaussian process", training)
 
 
 def radial_functions(training: Training) -> Iterator[Rival]:
     """Cubic radial basis functions with a linear part."""
-    yield Rival("radial functions", "cubic", partial(Regression, training, _radial))
+    yield from _by_regression("radial functions", training)
 
 
 def polynomials(training: Training) -> Iterator[Rival]:
     """Legendre polynomials of total degree, as polynomial chaos of uniform parameters."""
-    yield Rival("polynomials", "total degree", partial(Regression, training, _polynomial))
+    yield from _by_regression("polynomials", training)
 
 
 def neural_network(training: Training) -> Iterator[Rival]:
     """A perceptron of two hidden layers of 64."""
-    yield Rival("neural network", "64, 64", partial(Regression, training, _perceptron))
+    yield from _by_regression("neural network", training)
+
+
+def _by_regression(method: str, training: Training) -> Iterator[Rival]:
+    setting, fit = REGRESSIONS[method]
+    yield Rival(method, setting, partial(Regression, training, fit))
 
 
 @dataclass(frozen=True)
@@ -242,3 +247,12 @@ def _perceptron(points: np.ndarray, values: np.ndarray) -> Predict:
     )
     predict: Predict = network.fit(points, values).predict
     return predict
+
+
+REGRESSIONS: dict[str, tuple[str, Fit]] = {
+    "Gaussian process": ("Matern 5/2", _gaussian),
+    "radial functions": ("cubic", _radial),
+    "polynomials": ("total degree", _polynomial),
+    "neural network": ("64, 64", _perceptron),
+}
+"""Settings and regressions by their methods."""
