@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
@@ -101,7 +101,7 @@ class HeatModel(HeatedModel):
         """
         from hhr_dolfinx.plugins.contact_heat.on_page import HeatOnPage
 
-        return HeatOnPage(self)
+        return HeatOnPage(self, partial(self.solve, both=False, raise_on_failure=False))
 
     @property
     def dimension(self) -> int:

@@ -30,10 +30,10 @@ from hhr_dolfinx.plugins.pages.packing import (
 from hhr_dolfinx.plugins.pages.records import RecordedFormula, Struct
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from hhr_dolfinx.models.condensed import CondensedModel
-    from hhr_dolfinx.plugins.contact_heat.model import HeatModel
+    from hhr_dolfinx.plugins.contact_heat.heated import HeatAnswer, HeatedModel
     from hhr_dolfinx.plugins.pages.scenery import Scenery
 
 KERNEL = Path(__file__).with_name("heat.wasm")
@@ -52,11 +52,17 @@ def _file(name: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class HeatOnPage:
-    """See :class:`~hhr_dolfinx.plugins.pages.added.AddedToPage`."""
+    """See :class:`~hhr_dolfinx.plugins.pages.added.AddedToPage`.
+
+    Attributes:
+        model: model of steady heat.
+        solve: its answer to a point, from contact without heat; not balanced where there is none.
+    """
 
     kind: ClassVar[str] = "heat"
 
-    model: HeatModel
+    model: HeatedModel
+    solve: Callable[[np.ndarray], HeatAnswer]
 
     @property
     def script(self) -> str:
@@ -76,7 +82,7 @@ class HeatOnPage:
     @cached_property
     def pictured(self) -> HeatPictured:
         """The model as pictures read it."""
-        return HeatPictured(self.model)
+        return HeatPictured(self.model, self.solve)
 
     def tree(
         self, tree: dict[str, Any], scenery: Scenery, arrays: Packed, room: int
@@ -180,10 +186,13 @@ class HeatPictured:
     """A model with heat as pictures read a condensed model.
 
     Attributes:
+        model: the model.
+        solve: see :class:`HeatOnPage`.
         points: points of the contact problem of all answers that pictures were made of.
     """
 
-    model: HeatModel
+    model: HeatedModel
+    solve: Callable[[np.ndarray], HeatAnswer]
     points: list[np.ndarray] = field(default_factory=list)
 
     equilibrium: ClassVar[None] = None
@@ -205,7 +214,7 @@ class HeatPictured:
             **how: not read.
         """
         for point in points:
-            answer = self.model.solve(point, both=False, raise_on_failure=False)
+            answer = self.solve(point)
             if answer.converged:
                 self.points.append(answer.heated)
                 yield answer.mechanical
