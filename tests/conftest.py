@@ -58,6 +58,8 @@ NEEDING = {
     "plugins/local_models/test_subspaces.py": ("theorems",),
     "plugins/contact_heat/test_heated_rod.py": ("studies",),
     "plugins/contact_heat/test_heat_in_c.py": ("exporters",),
+    "plugins/contact_heat/test_heat_on_page.py": ("pages",),
+    "plugins/theorems/test_dual_basis.py": ("rivals",),
     "core/test_outputs.py": ("stress", "elasticity"),
     "plugins/exact_errors/test_fitted_forces.py": ("paths", "contact_laws"),
     "plugins/exact_errors/test_output_bounds.py": ("stress",),

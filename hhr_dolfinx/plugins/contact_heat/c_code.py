@@ -17,8 +17,8 @@ from hhr_dolfinx.plugins.exporters.c_header import (
     declared_array,
     declared_function,
     declared_texts,
-    prefixed,
 )
+from hhr_dolfinx.plugins.pages.kernel import prefixed
 from hhr_dolfinx.plugins.pages.packing import steps_of
 
 UNIFORM_START_NAME = "start temperature"
@@ -91,7 +91,7 @@ def _declared(data: HeatData, tree: Tree) -> Iterator[str]:
     yield declared_texts("output_names", [output["name"] for output in tree["outputs"]])
     yield declared_texts("output_units", [output["unit"] for output in tree["outputs"]])
     slid = data.pairs[sliding.conditions]
-    arrays = data.matrices | outputs_by_condition(parts, data.pairs)
+    arrays = data.matrices | parts.outputs_by_condition(data.pairs)
     arrays |= {
         "lower": np.array(tree["lower"]),
         "upper": np.array(tree["upper"]),
@@ -104,27 +104,6 @@ def _declared(data: HeatData, tree: Tree) -> Iterator[str]:
     yield from _formulas("conductance", [conductances.get(pair) for pair in data.pairs.tolist()])
     factors = dict(zip(sliding.contacts.tolist(), sliding.factors, strict=True))
     yield from _formulas("friction", [factors[pair] for pair in slid.tolist()])
-
-
-def outputs_by_condition(parts: HeatParts, pairs: np.ndarray) -> dict[str, np.ndarray]:
-    """Output of heat flows to which each condition adds, (m,), and of heat of friction, (g,).
-
-    Args:
-        parts: data of the model.
-        pairs: contact of each condition, (m,).
-    """
-    sliding = parts.sliding
-    return {
-        "flow_output": _numbers(pairs, parts.contacts.tolist()),
-        "friction_output": _numbers(pairs[sliding.conditions], sliding.contacts.tolist()),
-    }
-
-
-def _numbers(pairs: np.ndarray, known: list[int]) -> np.ndarray:
-    """Place of the contact of each condition among known ones; -1 for others."""
-    return np.array(
-        [known.index(pair) if pair in known else -1 for pair in pairs.tolist()], dtype=np.int64
-    )
 
 
 def _formulas(name: str, scalars: Iterable[Scalar | None]) -> Iterator[str]:

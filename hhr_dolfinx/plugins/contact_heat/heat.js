@@ -21,7 +21,7 @@
       const supplies = kernel.doubles(calls.heat_supplies(), tree.heat.supplies).slice();
       const outputs = [...kernel.doubles(calls.heat_outputs(), tree.outputs.length)];
       return { point: [...point], converged: true, forces, active: Uint8Array.from(forces, (force) => force > 0), outputs,
-        theta: kernel.theta(whole), heat: [...supplies, ...whole.subarray(point.length)] };
+        theta: kernel.theta(whole), heat: [1, ...supplies, ...whole.subarray(point.length)] };
     }
 
     nothing(point) {
@@ -36,7 +36,7 @@
     /* Further colours of the drawn nodes. */
     colours() {
       const own = this.tree.heat.temperature;
-      return own ? [{ name: "temperature", unit: "", values: (answer) => this.drawn(own, answer) }] : [];
+      return own ? [{ name: "temperature", unit: "", values: (answer) => this.drawn(own, answer).map((value) => value + own.offset) }] : [];
     }
 
     linear(field, answer) {

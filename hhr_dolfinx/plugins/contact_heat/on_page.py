@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -12,14 +11,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.plugins.contact_heat.c_code import outputs_by_condition
-from hhr_dolfinx.plugins.exporters.c_header import prefixed
-from hhr_dolfinx.plugins.pages.kernel import page_sources
+from hhr_dolfinx.plugins.pages.kernel import page_sources, prefixed
 from hhr_dolfinx.plugins.pages.laws import Laws
 from hhr_dolfinx.plugins.pages.layout import LayoutWriter, layouts, records_in
 from hhr_dolfinx.plugins.pages.packing import (
     BASE64,
-    FIELD,
     MODE_BYTES,
     Json,
     Packed,
@@ -38,6 +34,12 @@ if TYPE_CHECKING:
 
 KERNEL = Path(__file__).with_name("heat.wasm")
 """The compiled kernel of contact with heat."""
+WARMTH = 1e-4
+"""Relative error of temperatures less their mean by truncation of modes: their largest error over
+their range is what one sees.
+"""
+SEEN = 200
+"""Answers from which modes of temperatures are computed."""
 
 
 def heat_sources() -> dict[str, str]:
@@ -79,7 +81,12 @@ class HeatOnPage:
         """Contact under heat flows and temperatures that are given."""
         return self.model.mechanical
 
-    @cached_property
+    @property
+    def size(self) -> int:
+        """Bytes of its arrays as text, without pictures."""
+        return int(8 * BASE64 * sum(matrix.size for matrix in self.model.coupling.values()))
+
+    @property
     def pictured(self) -> HeatPictured:
         """The model as pictures read it."""
         return HeatPictured(self.model, self.solve)
@@ -132,7 +139,7 @@ class HeatOnPage:
         conductances = dict(zip(parts.contacts.tolist(), parts.conductances, strict=True))
         factors = dict(zip(sliding.contacts.tolist(), sliding.factors, strict=True))
         slid = model.pairs[sliding.conditions]
-        numbers = outputs_by_condition(parts, model.pairs) | {"sliding": sliding.conditions}
+        numbers = parts.outputs_by_condition(model.pairs) | {"sliding": sliding.conditions}
         data: dict[str, Any] = {
             "lower": np.array(model.parameters.lower, dtype=float),
             "upper": np.array(model.parameters.upper, dtype=float),
@@ -157,24 +164,30 @@ class HeatOnPage:
         }
 
     def _temperature(self, scenery: Scenery, arrays: Packed, room: int) -> dict[str, Json] | None:
-        """Modes of temperatures of the drawn nodes, and their map from supplies, heat flows, heat
-        of friction and levels; None without room.
+        """Mean temperature, the mean of answers over it, modes of what is left at the drawn nodes,
+        and their map from one, supplies, heat flows, heat of friction and levels; None without
+        room or without answers.
         """
         conduction = self.model.conduction
         nodes = scenery.nodes
-        count = len(self.model.parameters.names)
-        points = self.pictured.points
-        if not points:
+        space = self.model.parameters
+        answers = [self.solve(point) for point in space.random(SEEN, 0)]
+        seen = [answer.temperature()[nodes] for answer in answers if answer.converged]
+        numbers = int(min(MODE_BYTES, room - arrays.size) / (2 * BASE64)) - nodes.size
+        if not seen or numbers < 0:
             return None
-        seen = np.array([conduction.temperature(point, count)[nodes] for point in points]).T
-        bytes_left = min(MODE_BYTES, room - arrays.size)
-        modes = modes_of(seen, FIELD, int(bytes_left / (2 * BASE64)))
-        if modes is None:
-            return None
+        mean = np.mean(seen, axis=0)
+        offset = float(mean.mean())
+        modes = modes_of(np.array(seen).T - mean[:, None], WARMTH, numbers)
+        if modes is None:  # of temperatures that are the same everywhere
+            modes = np.zeros((nodes.size, 0))
         columns = (conduction.temperatures, -conduction.per_heat, conduction.levels)
-        by = np.hstack([modes.T @ column[nodes] for column in columns])
-        tree: dict[str, Json] = {"kind": "linear", "heat": arrays.put("heat_by", by)}
-        return tree | packed_levels("heat_modes", modes.T, arrays)
+        by = np.hstack([-modes.T @ mean[:, None], *(modes.T @ column[nodes] for column in columns)])
+        first = np.zeros((1, by.shape[1]))
+        first[0, 0] = 1.0
+        rows = np.vstack([mean - offset, modes.T])
+        tree = {"kind": "linear", "heat": arrays.put("heat_by", np.vstack([first, by]))}
+        return tree | {"offset": offset} | packed_levels("heat_modes", rows, arrays)
 
 
 def _recorded(scalars: Any) -> list[RecordedFormula]:
@@ -188,12 +201,10 @@ class HeatPictured:
     Attributes:
         model: the model.
         solve: see :class:`HeatOnPage`.
-        points: points of the contact problem of all answers that pictures were made of.
     """
 
     model: HeatedModel
     solve: Callable[[np.ndarray], HeatAnswer]
-    points: list[np.ndarray] = field(default_factory=list)
 
     equilibrium: ClassVar[None] = None
 
@@ -216,5 +227,4 @@ class HeatPictured:
         for point in points:
             answer = self.solve(point)
             if answer.converged:
-                self.points.append(answer.heated)
                 yield answer.mechanical

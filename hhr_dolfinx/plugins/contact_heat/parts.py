@@ -94,6 +94,26 @@ class HeatParts(Rebuilt):
     #: contacts that make heat as they slide
     sliding: SlidingParts = field(default_factory=SlidingParts.none)
 
+    def outputs_by_condition(self, pairs: np.ndarray) -> dict[str, np.ndarray]:
+        """Numbers among the outputs of heat: of the flow to which each condition adds, (m,), and of
+        the heat of friction, (g,); -1 for none.
+
+        Args:
+            pairs: contact of each condition, (m,).
+        """
+        return {
+            "flow_output": _places(pairs, self.contacts),
+            "friction_output": _places(pairs[self.sliding.conditions], self.sliding.contacts),
+        }
+
+
+def _places(pairs: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Place of each contact among known ones; -1 for others."""
+    numbers = known.tolist()
+    return np.array(
+        [numbers.index(pair) if pair in numbers else -1 for pair in pairs.tolist()], dtype=np.int64
+    )
+
 
 @dataclass(frozen=True, eq=False)
 class TransientParts(Rebuilt):

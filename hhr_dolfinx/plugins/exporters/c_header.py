@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast, runtime_checkable
 
@@ -18,7 +18,12 @@ import numpy as np
 from hhr_dolfinx.errors import ModelFileWarning, NotOfferedError
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.plugins.pages.arrays import check_model, contact_tree
-from hhr_dolfinx.plugins.pages.kernel import FLAGS_OF_PARTS, kernel_parts, kernel_text
+from hhr_dolfinx.plugins.pages.kernel import (
+    FLAGS_OF_PARTS,
+    kernel_parts,
+    kernel_text,
+    prefixed,
+)
 from hhr_dolfinx.plugins.pages.laws import laws_of
 from hhr_dolfinx.plugins.pages.packing import Packed
 from hhr_dolfinx.plugins.pages.records import RecordedFormula, Steps, Struct, kernel_data
@@ -134,21 +139,6 @@ def c_header(
     )
     text = text.replace("/*DATA*/", _Data(tree, arrays.arrays).text())
     return prefixed(text, {"model": name}), tree
-
-
-def prefixed(text: str, names: Mapping[str, str]) -> str:
-    """Code whose names begin otherwise; quoted texts are names of the scene, and stay.
-
-    Args:
-        text: the code.
-        names: beginnings before an underscore, ``model`` and ``MODEL`` for instance by ``model``.
-    """
-    prefixes = {f"{old}_": f"{new}_" for old, new in names.items()}
-    prefixes |= {f"{old}_".upper(): f"{new}_".upper() for old, new in names.items()}
-    beginnings = "|".join(prefixes)
-    return re.sub(
-        rf'"[^"\n]*"|\b(?:{beginnings})', lambda found: prefixes.get(found[0], found[0]), text
-    )
 
 
 def declared_array(name: str, values: np.ndarray) -> str:

@@ -21,10 +21,14 @@ class AddedToPage(Protocol):
     #: the same model as pictures read it: its box, its answers and their fields
     pictured: Any
 
+    size: int  #: bytes of its arrays as text, without pictures
+
     def tree(
         self, tree: dict[str, Any], scenery: Scenery, arrays: Packed, room: int
     ) -> dict[str, Json]:
         """Entries of the tree of the page that change, or are new.
+
+        Pictures of the contact problem come later, and take the room that is left.
 
         Args:
             tree: tree of the contact problem, with its kernel.

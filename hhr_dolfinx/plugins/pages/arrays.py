@@ -115,9 +115,9 @@ def packed(
         tree["bound"] = bound_tree(model, arrays)
     code = None if added is None else added.code
     tree = _drawn(tree) | {"kernel": _kernel(model, tree, arrays, code)}
-    tree |= pictures_of(model if added is None else added.pictured, scenery, arrays, room)
     if added is not None:
         tree |= {"kind": added.kind} | added.tree(tree, scenery, arrays, room)
+    tree |= pictures_of(model if added is None else added.pictured, scenery, arrays, room)
     return tree, arrays.texts()
 
 

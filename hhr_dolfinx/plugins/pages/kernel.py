@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -88,6 +90,21 @@ def _laws(laws: Laws) -> str:
                 text += f"    if (law == {number}) {'return ' if nothing else ''}{call}\n"
         text += (f"    return {nothing};\n" if nothing else "") + "}\n"
     return text
+
+
+def prefixed(text: str, names: Mapping[str, str]) -> str:
+    """Code whose names begin otherwise; quoted texts are names of the scene, and stay.
+
+    Args:
+        text: the code.
+        names: beginnings before an underscore, ``model`` and ``MODEL`` for instance by ``model``.
+    """
+    prefixes = {f"{old}_": f"{new}_" for old, new in names.items()}
+    prefixes |= {f"{old}_".upper(): f"{new}_".upper() for old, new in names.items()}
+    beginnings = "|".join(prefixes)
+    return re.sub(
+        rf'"[^"\n]*"|\b(?:{beginnings})', lambda found: prefixes.get(found[0], found[0]), text
+    )
 
 
 def kernel_file(name: str) -> str:

@@ -67,7 +67,7 @@ def write_model_page(path: str | Path, model: KeptModel | OwnPage, scenery: Scen
     """
     added = model.on_page() if isinstance(model, OwnPage) else None
     contact = model if added is None else added.contact
-    check_for_page(contact)
+    check_for_page(model)
     check_alike(contact, scenery)
     text = page_text(contact, scenery, added)
     _check_size(len(text.encode()), contact)
@@ -122,11 +122,12 @@ def check_for_page(model: Any) -> None:
     """Refuse a model that does not fit on a page, before its scenery, bounds and pictures are
     computed.
     """
-    model = model.on_page().contact if isinstance(model, OwnPage) else model
-    check_model(model)
+    added = model.on_page() if isinstance(model, OwnPage) else None
+    contact = model if added is None else added.contact
+    check_model(contact)
     arrays = Packed()
-    contact_tree(model, arrays)
-    _check_size(sum(len(text["data"]) for text in arrays.texts().values()), model)
+    contact_tree(contact, arrays)
+    _check_size(arrays.size + (0 if added is None else added.size), contact)
 
 
 def _check_size(count: int, model: Any) -> None:

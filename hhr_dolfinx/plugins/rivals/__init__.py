@@ -6,7 +6,7 @@ _HERE = "hhr_dolfinx.plugins.rivals"
 
 PLUGIN = Plugin(
     name="rivals",
-    needs=("studies",),
+    needs=("nonmatching", "studies"),
     public={f"{_HERE}.coarser": "CoarserMesh"},
     parts={
         "rivals": {

@@ -7,32 +7,37 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import griddata
 
 from hhr_dolfinx.contact.active_set import Status, Statuses
-from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.errors import NotOfferedError, rounded
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import Answer, ElasticFields, found_as
+from hhr_dolfinx.plugins.nonmatching.projection import closest_points
 from hhr_dolfinx.plugins.rivals.projection import RivalModel, check_elastic
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Meshed
+    from hhr_dolfinx.pairings.surface import Surface
     from hhr_dolfinx.scene import Scene
+
+ELSEWHERE = 0.05
+"""Part of the size of a mesh by which its box may differ from that of a coarser one."""
 
 
 class CoarserMesh(RivalModel):
     """The full order of the same scene on a coarser mesh, as an approximation of a finer one.
 
-    Displacements are interpolated by the functions of the coarse mesh. Contact pressures are
-    interpolated along the surface of each pair, by the two coordinates in which it is widest, and
-    become forces by the areas of the fine conditions.
+    Displacements are interpolated by the functions of the coarse mesh, body by body. Contact
+    pressures are interpolated on the facets of the first surface of each pair, and become forces by
+    the areas of the fine conditions.
 
     Args:
         full: full model of the scene on the mesh compared.
         scene: the scene on a coarser mesh: its bodies, contacts, loads and parameters are the same.
 
     Raises:
-        NotOfferedError: for other parameters, pairs or directions, and see
+        NotOfferedError: for a scene that differs in bodies, contacts, parameters, hypothesis or
+            place, contacts without conditions on the coarse mesh, and see
             :func:`~hhr_dolfinx.plugins.rivals.projection.check_elastic`.
     """
 
@@ -41,8 +46,7 @@ class CoarserMesh(RivalModel):
         self.coarse = FullOrderModel(scene, full.comm)
         check_elastic(self.coarse, "a coarser mesh")
         self.parameters = full.parameters
-        if self.coarse.parameters != full.parameters:
-            raise NotOfferedError("a coarser mesh answers other parameters: give it the same box")
+        _check_alike(self.coarse, full)
         self._spread = _spread(self.coarse, full)
         self.fields = CoarseFields(full, self.coarse)
         self.advice: dict[Status, str] = {}
@@ -60,34 +64,80 @@ class CoarserMesh(RivalModel):
         return found_as(outcome, point, coarse.unknown, self.fields)
 
 
+def _check_alike(coarse: FullOrderModel, fine: FullOrderModel) -> None:
+    """Refuse scenes that differ in more than their meshes.
+
+    Raises:
+        NotOfferedError: for other bodies, contacts, parameters or hypotheses, or another place.
+    """
+    for name in ("hypothesis", "parameters", "bodies", "contacts"):
+        one, other = (getattr(model.scene, name) for model in (coarse, fine))
+        if one != other:
+            raise NotOfferedError(
+                f"a coarser mesh is one of the same scene, and its {name} differ: {one!r} beside "
+                f"{other!r}"
+            )
+    boxes = [
+        np.array([model.problem.points.min(axis=0), model.problem.points.max(axis=0)])
+        for model in (coarse, fine)
+    ]
+    size = np.linalg.norm(boxes[1][1] - boxes[1][0])
+    if np.abs(boxes[0] - boxes[1]).max() > ELSEWHERE * size:
+        raise NotOfferedError(
+            f"a coarser mesh lies where the finer one lies, and it reaches from "
+            f"{rounded(boxes[0][0])} to {rounded(boxes[0][1])}, not from {rounded(boxes[1][0])} to "
+            f"{rounded(boxes[1][1])}"
+        )
+
+
 def _spread(coarse: FullOrderModel, fine: FullOrderModel) -> np.ndarray:
     """Forces on fine conditions of those on coarse ones, (fine conditions, coarse conditions)."""
-    one = coarse.problem
-    other = fine.problem
-    spread = np.zeros((len(other.gaps), len(one.gaps)))
-    if set(one.contact_pairs) != set(other.contact_pairs):
-        raise NotOfferedError("a coarser mesh has other contact pairs: give it the same contacts")
-    for pair in set(other.contact_pairs):
-        given = np.flatnonzero(one.contact_pairs == pair)
-        asked = np.flatnonzero(other.contact_pairs == pair)
-        areas = one.contact_areas[given]
-        # a node on the axis has no area, and its force no pressure
-        pressures = np.diag(np.divide(1.0, areas, out=np.zeros(len(areas)), where=areas > 0))
-        between = _along(one.contact_points[given], pressures, other.contact_points[asked])
-        spread[np.ix_(asked, given)] = other.contact_areas[asked, None] * between
+    spread = np.zeros((fine.conditions, coarse.conditions))
+    for pair, contact in enumerate(fine.scene.contacts):
+        for tag in contact.tags:
+            surface = coarse.discretisation.surface(tag)
+            given = _carried_by(coarse, pair, surface.nodes)
+            asked = _carried_by(fine, pair, fine.discretisation.surface(tag).nodes)
+            if not asked.size:
+                continue
+            if not given.size:
+                raise NotOfferedError(
+                    f"contact {pair} has conditions on surface {tag!r}, and none of them on the "
+                    "coarser mesh: take smaller cells there"
+                )
+            points = fine.problem.contact_points[asked]
+            between = _between(surface, coarse.problem.contact_slaves[given], points)
+            areas = coarse.problem.contact_areas[given]
+            # a node on the axis has no area, and its force no pressure
+            between *= np.divide(1.0, areas, out=np.zeros(len(areas)), where=areas > 0)
+            spread[np.ix_(asked, given)] = fine.problem.contact_areas[asked, None] * between
     return spread
 
 
-def _along(points: np.ndarray, values: np.ndarray, asked: np.ndarray) -> np.ndarray:
-    """Values at points, (n, k), interpolated along their surface to others, (q, k)."""
-    middle = points.mean(axis=0)
-    axes = np.linalg.svd(points - middle)[2][: points.shape[1] - 1]
-    flat = (points - middle) @ axes.T
-    at = (asked - middle) @ axes.T
-    linear = griddata(flat, values, at, method="linear")
-    nearest = griddata(flat, values, at, method="nearest")
-    found: np.ndarray = np.where(np.isnan(linear), nearest, linear).reshape(len(at), -1)
-    return found
+def _carried_by(full: FullOrderModel, pair: int, nodes: np.ndarray) -> np.ndarray:
+    """Conditions of a contact pair that some nodes carry."""
+    problem = full.problem
+    own = (problem.contact_pairs == pair) & np.isin(problem.contact_slaves, nodes)
+    return np.flatnonzero(own)
+
+
+def _between(surface: Surface, nodes: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Weights of values at nodes, (n,), for their interpolation on the nearest facet of a surface,
+    (q, n); where a facet has other nodes too they do not count.
+    """
+    place = np.full(max(surface.nodes.max(), nodes.max()) + 1, -1)
+    place[nodes] = np.arange(len(nodes))
+    corners = place[surface.nodes[surface.facets]]
+    kept = (corners >= 0).any(axis=1)
+    closest = closest_points(points, surface.corners[kept])
+    columns = corners[kept][closest.facets]
+    weights = np.where(columns >= 0, closest.weights, 0.0)
+    found = np.zeros((len(points), len(nodes)))
+    rows = np.repeat(np.arange(len(points))[:, None], columns.shape[1], axis=1)
+    np.add.at(found, (rows[columns >= 0], columns[columns >= 0]), weights[columns >= 0])
+    total = found.sum(axis=1, keepdims=True)
+    shared: np.ndarray = np.divide(found, total, out=np.zeros_like(found), where=total > 0)
+    return shared
 
 
 @dataclass(frozen=True)
@@ -103,6 +153,11 @@ class CoarseFields(ElasticFields):
     def full(self) -> Meshed:
         """The full model of the fine mesh."""
         return self.order
+
+    @property
+    def conditions(self) -> int:
+        """Number of contact conditions, N_lambda."""
+        return self.order.conditions
 
     @cached_property
     def _cells(self) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -260,6 +260,11 @@ class ConeFields(ElasticFields):
         """The full model."""
         return self.order
 
+    @property
+    def conditions(self) -> int:
+        """Number of contact conditions, N_lambda."""
+        return self.order.conditions
+
     def displacement(self, answer: Answer) -> np.ndarray:
         """V gamma + lift, (N,)."""
         problem = self.order.problem

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from dual_basis import theorem_2
 from mpi4py import MPI
-from needs import needs
 from scipy import linalg
 
 import hhr_dolfinx as hhr
 
-pytestmark = needs("rivals")
 POINTS = np.array([[0.171], [0.233], [0.318], [0.447]])
 
 
