@@ -304,26 +304,29 @@ says what the methods are, and how to have them on your own scene.
 Figures are errors in per cent that 95 % of the points do not exceed, and the worst of the forces;
 *width* is the share of conditions that press wrongly or do not, *pull* the strongest tension over
 the largest force, *overlap* the deepest one over the gaps. A dash: no answer at some points. Times
-are of one answer on one thread, in turns; *x full* is by how much the best full order is slower: it
-keeps its factors, and starts from the statuses of the nearest training answer if that is faster.
-*bound / error*, where the norm of the bound is sparse, is the median of the
-[bound of obstacles](bounds_proofs.md#where-every-node-is-a-contact) over the error of the forces.
+are of one answer on one thread, in turns with the full order (of Gaussian processes and coarser
+meshes in a run of their own: compare their *x full*, not their *us*); *x full* is by how much the
+best full order is slower: it keeps its factors, and starts from the statuses of the nearest
+training answer if that is faster. *bound / error*, where the norm of the bound is sparse, is the
+median of the [bound of obstacles](bounds_proofs.md#where-every-node-is-a-contact) over the error of
+the forces.
 
 **What a Gaussian process gives.** On the pellet, trained on 512 Sobol points, half of its forces
 are 1.1 % off or less, 95 % of them 11 %, the worst 58 %; radial functions 2.2, 11 and 48 %; sums of
 forces within 3 %. On the grid of 25 x 20 points, which the thesis takes, 95 % are within 34 %.
 
-**A coarser mesh** with cells of twice the size is 4 % off on the pellet, where it answers less than
-five times as fast as the best full order; on meshes that do not match, and where a sphere touches
+**A coarser mesh** with cells of twice the size is 4 % off on the pellet, where it answers five to
+eight times as fast as the best full order; on meshes that do not match, and where a sphere touches
 a few cells, 8 to 26 %.
 
-**Where ours lose.** Radial functions answer in 20 to 60 us whatever the scene, on the pellet
-several times as fast as condensation and HHR; the largest force and sum of regressions are right to
-some per cent, the forces of nodes are not, and where contact ends they pull. On the leaf spring
-Nitsche's method with forty nodes is more exact than HHR by default. HHR as the thesis prints it,
-without what it leaves to the reader, is behind most of them, and has no answer at some points of
-the pellet. Where every node is a contact HHR has no cells to cut, condensation of all conditions is
-slower than the full order, and cones answer several times as fast as boxes, a few per cent off.
+**Where ours lose.** Radial functions answer in 20 to 70 us where there are some hundred conditions,
+on the pellet several times as fast as condensation and HHR; with two parameters their largest force
+and sum are right to some per cent, the forces of nodes are not, and where contact ends they pull.
+On the leaf spring Nitsche's method with forty nodes is more exact than HHR by default. HHR as the
+thesis prints it, without what it leaves to the reader, is behind most of them, and has no answer at
+some points of the pellet. Where every node is a contact HHR has no cells to cut; on the membrane
+and in torsion condensation of all conditions is slower than the full order, and cones answer
+several times as fast as boxes, a few to ten per cent off.
 """
 
 

@@ -135,7 +135,8 @@ def theorem_2_of_cone(cases: Cases) -> Item:
         "reduced dual basis on the RID under (H): right over left sides, on the pellet",
         "proved",
         ours=_ratios(theorem_2(full, model, cone, points), ("(2.68)", "(2.69)")),
-        reason="energy and S norms of the RID; V^0_HR has the normal functions of its nodes",
+        reason="energy and S norms of the RID, in which M_a = M_b = 1; beta_RB enters by its "
+        "inverse, as V^0_HR has no supremizers of this cone; holds at all points",
     )
 
 

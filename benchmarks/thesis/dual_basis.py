@@ -3,7 +3,8 @@
 Theorem 1 is on a model of the plug-in rivals, theorem 2 on the reduced basis model (2.62) on the
 RID of an HHR model, under hypothesis (H). Norms are those in which the constants are sharp: the
 energy norm of displacements, in which M_a = alpha_Ker = 1, and |q|_S of forces with S = B K^-1 B^T,
-in which M_b = 1 and, with the supremizers of the model, beta_RB = 1. The infimum of (2.52) and
+in which M_b = 1 and, with the supremizers of the model of theorem 1, beta_RB = 1; V^0_HR has none,
+and beta_RB enters theorem 2 by its inverse. The infimum of (2.52) and
 (2.68) is that of the proof, over v for which v - u_RB lies in the kernel of b on the reduced
 spaces, as for theorems 4 to 6.
 """

@@ -83,7 +83,10 @@ def score_submission(submission: str | Path, answers: str | Path) -> dict[str, d
     folder = Path(answers)
     hidden = {path.stem: path for path in sorted(folder.glob("*.npz"))}
     if not hidden:
-        raise FileError(f"{folder} has no hidden answers, scene.npz each")
+        raise FileError(
+            f"{folder} has no hidden answers, scene.npz each: give the folder hidden of the data "
+            "set"
+        )
     given = _read_submission(Path(submission), set(hidden))
     return {
         scene: _score(given[scene], read_hidden(hidden[scene]), scene)

@@ -48,14 +48,17 @@ PAGE_ERROR_POINTS = 100
 """Random points at which the error shown on a page is estimated."""
 
 
-def write_model_page(path: str | Path, model: KeptModel | OwnPage, scenery: Scenery) -> Path:
+def write_model_page(
+    path: str | Path, model: KeptModel | OwnPage, scenery: Scenery | None = None
+) -> Path:
     """Write a page of a condensed model.
 
     Args:
         path: of the page, ``.html``.
         model: of ``hhr.condense``, ``hhr.train`` or a file: elastic, frictional, or condensed
             inelastic; or of ``hhr.condense_heat``.
-        scenery: mesh to draw, see :func:`hhr_dolfinx.plugins.pages.scenery_of.scenery_of`.
+        scenery: mesh to draw, see :func:`hhr_dolfinx.plugins.pages.scenery_of.scenery_of`; None
+            takes that of the full model that a model was made of in this process.
 
     Returns:
         The path.
@@ -68,12 +71,29 @@ def write_model_page(path: str | Path, model: KeptModel | OwnPage, scenery: Scen
     added = model.on_page() if isinstance(model, OwnPage) else None
     contact = model if added is None else added.contact
     check_for_page(model)
+    scenery = _own_scenery(contact) if scenery is None else scenery
     check_alike(contact, scenery)
     text = page_text(contact, scenery, added)
     _check_size(len(text.encode()), contact)
     with replacing(path, text=True) as file:
         file.write(text)
     return Path(path)
+
+
+def _own_scenery(model: Any) -> Scenery:
+    """Scenery of the full model that a model knows.
+
+    Raises:
+        NotOfferedError: for a model from a file, which knows none.
+    """
+    from hhr_dolfinx.plugins.pages.scenery_of import scenery_of
+
+    if (full := getattr(model.fields, "full", None)) is None:
+        raise NotOfferedError(
+            "this model comes from a file, and knows no mesh to draw: give its scenery, "
+            "hhr.scenery_of(hhr.FullOrderModel(scene))"
+        )
+    return scenery_of(full)
 
 
 def check_alike(model: Any, scenery: Scenery) -> None:

@@ -367,7 +367,7 @@ def test_both_methods_end_in_the_same_balances(monkeypatch):
 def test_the_example_of_the_page_runs_and_has_its_numbers(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     page = (Path(__file__).parents[3] / "docs/heat.md").read_text("utf-8")
-    program, in_time = (part.partition("```")[0] for part in page.split("```python\n")[1:])
+    program, in_time, *_ = (part.partition("```")[0] for part in page.split("```python\n")[1:])
     variables = {}
     exec(compile(program, "heat.md", "exec"), variables)
     outputs = variables["answer"].outputs()

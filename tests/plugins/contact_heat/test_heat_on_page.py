@@ -135,6 +135,21 @@ def test_pages_by_command(tmp_path):
     assert tree["kind"] == "heat"
 
 
+def test_a_page_needs_no_scenery_beside_the_full_model(tmp_path):
+    """Of a model in this process it is that of the scene; one from a file has none."""
+    scene = blocks()
+    model, scenery, _ = made(scene, heat())
+    hhr.write_model_page(tmp_path / "own.html", model)
+    hhr.write_model_page(tmp_path / "given.html", model, scenery)
+    own, given = (data_of((tmp_path / f"{name}.html").read_text()) for name in ("own", "given"))
+    for tree in (own, given):
+        tree["tree"].pop("made")
+    assert own == given
+    hhr.save_heat_model(tmp_path / "warm.npz", model)
+    with pytest.raises(NotOfferedError, match="comes from a file"):
+        hhr.write_model_page(tmp_path / "none.html", hhr.load_heat_model(tmp_path / "warm.npz"))
+
+
 def test_heat_in_time_is_on_no_page(tmp_path):
     scene = blocks()
     model = hhr.condense_transient_heat(scene, heat(capacity={FIRST: 3.0, SECOND: 2.0}))
