@@ -37,15 +37,15 @@ from hhr_dolfinx.timing import timed
 from hhr_dolfinx.warn import ignored
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "data_set.md"
-ELASTIC = "matching", "nonmatching", "membrane"
+ELASTIC_SCENES = "matching", "nonmatching", "membrane"
 """Scenes of elastic bodies at single points, whose stiffness is constant."""
 ALONG_PATHS = "radial functions", "neural network"
 """Regressions of what is read of paths, some thirty numbers: processes with a length for each take
 hours, and polynomials have too many terms.
 """
-ALIKE = 1e-9
+SAID_TWICE = 1e-9
 """Part of the largest spread below which numbers that are read are those of others."""
-TIMED = 25
+TIMED_ANSWERS = 25
 """Answers of which the median time is taken."""
 
 
@@ -125,7 +125,7 @@ def regression(fit: Fit, known: Forces) -> Asked:
     middle = ((rows - low) / sides).mean(axis=0)
     # what several numbers of a path say together is said once
     ways, sizes, _ = np.linalg.svd(((rows - low) / sides - middle).T, full_matrices=False)
-    ways = ways[:, sizes > ALIKE * sizes[0]]
+    ways = ways[:, sizes > SAID_TWICE * sizes[0]]
 
     def scaled(asked: np.ndarray) -> np.ndarray:
         found: np.ndarray = 2 * ((asked - low) / sides - middle) @ ways
@@ -165,7 +165,7 @@ def methods(
 ) -> Iterator[tuple[str, float, Callable[[], Asked]]]:
     """Methods of a scene: names, seconds of training answers, and what makes an answering one."""
     known = Forces(made.training, forces)
-    if name in ELASTIC:
+    if name in ELASTIC_SCENES:
         learnt, seconds = timed(lambda: Learnt(made, progress))
         own = Rival("HHR", "default", learnt.build)
         for rival in [own, *rivals_of(["all"])(learnt)]:
@@ -189,7 +189,7 @@ def entries_of(forces: Asked, made: data_set.Made, hours: float, name: str) -> d
     """Arrays of a submission of a method to a scene."""
     shape = (made.tests.shape[1] - 1,) * (made.tests.ndim - 2) + (len(made.full.problem.gaps),)
     rows = [np.broadcast_to(forces(entry), shape) for entry in made.tests]
-    asked = made.tests[np.arange(TIMED) % len(made.tests)]
+    asked = made.tests[np.arange(TIMED_ANSWERS) % len(made.tests)]
     seconds = np.median(time_queries({"model": forces}, asked)["model"])
     return {
         f"{name}/forces": np.array(rows),

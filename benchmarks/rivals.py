@@ -305,7 +305,7 @@ Figures are errors in per cent that 95 % of the points do not exceed, and the wo
 *width* is the share of conditions that press wrongly or do not, *pull* the strongest tension over
 the largest force, *overlap* the deepest one over the gaps. A dash: no answer at some points. Times
 are of one answer on one thread, in turns with the full order (of Gaussian processes and coarser
-meshes in a run of their own: compare their *x full*, not their *us*); *x full* is by how much the
+meshes in another run: compare their *x full*, not their *us*); *x full* is by how much the
 best full order is slower: it keeps its factors, and starts from the statuses of the nearest
 training answer if that is faster. *bound / error*, where the norm of the bound is sparse, is the
 median of the [bound of obstacles](bounds_proofs.md#where-every-node-is-a-contact) over the error of

@@ -27,10 +27,10 @@ def main() -> None:
         path.write_bytes(found := compiled(page_sources(parts, Laws(law, ()))))
         print(path.name, len(found))
     if "contact_heat" in registry.installed():
-        from hhr_dolfinx.plugins.contact_heat.on_page import KERNEL, heat_sources
+        from hhr_dolfinx.plugins.contact_heat.on_page import HEAT_KERNEL, heat_sources
 
-        KERNEL.write_bytes(found := compiled(heat_sources()))
-        print(KERNEL.name, len(found))
+        HEAT_KERNEL.write_bytes(found := compiled(heat_sources()))
+        print(HEAT_KERNEL.name, len(found))
 
 
 if __name__ == "__main__":

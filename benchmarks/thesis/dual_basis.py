@@ -27,7 +27,7 @@ from hhr_dolfinx.plugins.rivals.projection import ConeModel, least_distance
 from hhr_dolfinx.plugins.theorems.rid_norms import Domain
 from hhr_dolfinx.plugins.theorems.theorems import ImposedInterface
 
-DEPENDENT = 1e-10
+DEPENDENT_FORCES = 1e-10
 """Part of the largest singular value of a cone below which its functions are dependent."""
 
 
@@ -63,8 +63,8 @@ class DualBasis:
         functions.
         """
         gram = self.basis.T @ (self.stiffness @ self.basis)
-        span = linalg.orth(self._weighted, rcond=DEPENDENT)
-        rows = linalg.lstsq(self._weighted, span, cond=DEPENDENT)[0].T @ self.rows
+        span = linalg.orth(self._weighted, rcond=DEPENDENT_FORCES)
+        rows = linalg.lstsq(self._weighted, span, cond=DEPENDENT_FORCES)[0].T @ self.rows
         return float(inf_sup(rows, gram, np.eye(len(rows))))
 
     @cached_property

@@ -96,7 +96,7 @@ class HeatModel(HeatedModel):
         return HeatFields(OutputColumns(tuple(items)))
 
     def on_page(self) -> HeatOnPage:
-        """What a page of this model has beside contact, see
+        """Parts of a page of this model beside contact, see
         :mod:`hhr_dolfinx.plugins.pages.added`.
         """
         from hhr_dolfinx.plugins.contact_heat.on_page import HeatOnPage

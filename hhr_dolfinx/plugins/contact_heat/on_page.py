@@ -32,13 +32,13 @@ if TYPE_CHECKING:
     from hhr_dolfinx.plugins.contact_heat.heated import HeatAnswer, HeatedModel
     from hhr_dolfinx.plugins.pages.scenery import Scenery
 
-KERNEL = Path(__file__).with_name("heat.wasm")
+HEAT_KERNEL = Path(__file__).with_name("heat.wasm")
 """The compiled kernel of contact with heat."""
 WARMTH = 1e-4
 """Relative error of temperatures less their mean by truncation of modes: their largest error over
 their range is what one sees.
 """
-SEEN = 200
+WARM_ANSWERS = 200
 """Answers from which modes of temperatures are computed."""
 
 
@@ -58,7 +58,7 @@ class HeatOnPage:
 
     Attributes:
         model: model of steady heat.
-        solve: its answer to a point, from contact without heat; not balanced where there is none.
+        solve: its answer to a point, from contact without heat; not balanced where it has none.
     """
 
     kind: ClassVar[str] = "heat"
@@ -74,7 +74,7 @@ class HeatOnPage:
     @property
     def code(self) -> bytes:
         """Kernel of the page."""
-        return KERNEL.read_bytes()
+        return HEAT_KERNEL.read_bytes()
 
     @property
     def contact(self) -> CondensedModel:
@@ -94,12 +94,19 @@ class HeatOnPage:
     def tree(
         self, tree: dict[str, Any], scenery: Scenery, arrays: Packed, room: int
     ) -> dict[str, Json]:
-        """See :class:`~hhr_dolfinx.plugins.pages.added.AddedToPage`."""
+        """See :class:`~hhr_dolfinx.plugins.pages.added.AddedToPage`.
+
+        Args:
+            tree: tree of the contact problem, with its kernel.
+            scenery: drawn mesh and contact of the scene.
+            arrays: packed arrays, to which those of the tree are added.
+            room: bytes for all arrays, as text.
+        """
         space = self.model.parameters
         outputs = [*tree["outputs"], *({"name": name, "unit": ""} for name in self._flows)]
         count = len(space.names)
         kernel = tree["kernel"]
-        largest = sys.float_info.max  # the kernel is asked for any heat flow
+        largest = sys.float_info.max  # the kernel solves for any heat flow
         for name, end in (("lower", -largest), ("upper", largest)):
             ends = kernel["data"][list(layouts()["data"]).index(name)]
             ends[count:] = [end] * (len(ends) - count)
@@ -134,7 +141,7 @@ class HeatOnPage:
             "coordinates": sliding.places.shape[1],
             "supplies": len(model.conduction.amplitudes),
             "conducting": parts.contacts.size,
-            "rubbing": sliding.contacts.size,
+            "sliding_contacts": sliding.contacts.size,
         }
         conductances = dict(zip(parts.contacts.tolist(), parts.conductances, strict=True))
         factors = dict(zip(sliding.contacts.tolist(), sliding.factors, strict=True))
@@ -171,7 +178,7 @@ class HeatOnPage:
         conduction = self.model.conduction
         nodes = scenery.nodes
         space = self.model.parameters
-        answers = [self.solve(point) for point in space.random(SEEN, 0)]
+        answers = [self.solve(point) for point in space.random(WARM_ANSWERS, 0)]
         seen = [answer.temperature()[nodes] for answer in answers if answer.converged]
         numbers = int(min(MODE_BYTES, room - arrays.size) / (2 * BASE64)) - nodes.size
         if not seen or numbers < 0:

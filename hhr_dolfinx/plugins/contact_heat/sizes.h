@@ -2,7 +2,7 @@
 typedef int model_function; /* number of a formula of the page, from 1; 0 for none */
 #define MODEL_AT(function, point) mechanics_formula(function, point)
 typedef struct {
-    int parameters, outputs, bodies, sliding, coordinates, supplies, conducting, rubbing;
+    int parameters, outputs, bodies, sliding, coordinates, supplies, conducting, sliding_contacts;
 } model_sizes;
 typedef struct {
     const double *lower, *upper, *areas, *compliances, *per_heat, *compliance, *levels, *jumps, *supplied;
@@ -21,7 +21,7 @@ static model_data model_all;
 #define MODEL_COORDINATES model_counts.coordinates
 #define MODEL_SUPPLIES model_counts.supplies
 #define MODEL_CONDUCTING model_counts.conducting
-#define MODEL_RUBBING model_counts.rubbing
+#define MODEL_RUBBING model_counts.sliding_contacts
 
 #define model_lower model_all.lower
 #define model_upper model_all.upper

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class AddedToPage(Protocol):
-    """What a plug-in adds to the page of its contact problem."""
+    """Additions of a plug-in to the page of its contact problem."""
 
     kind: str  #: name in ``hhr.kinds`` of the class of the script, which derives ``hhr.Model``
     script: str  #: that script
@@ -43,4 +43,4 @@ class OwnPage(Protocol):
     """A model of a plug-in that is more than contact, and has a page."""
 
     def on_page(self) -> AddedToPage:
-        """What it adds to the page of its contact problem."""
+        """Its additions to the page of its contact problem."""

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.pairings.surface import Surface
     from hhr_dolfinx.scene import Scene
 
-ELSEWHERE = 0.05
+OFF_PLACE = 0.05
 """Part of the size of a mesh by which its box may differ from that of a coarser one."""
 
 
@@ -82,7 +82,7 @@ def _check_alike(coarse: FullOrderModel, fine: FullOrderModel) -> None:
         for model in (coarse, fine)
     ]
     size = np.linalg.norm(boxes[1][1] - boxes[1][0])
-    if np.abs(boxes[0] - boxes[1]).max() > ELSEWHERE * size:
+    if np.abs(boxes[0] - boxes[1]).max() > OFF_PLACE * size:
         raise NotOfferedError(
             f"a coarser mesh lies where the finer one lies, and it reaches from "
             f"{rounded(boxes[0][0])} to {rounded(boxes[0][1])}, not from {rounded(boxes[1][0])} to "
@@ -96,21 +96,23 @@ def _spread(coarse: FullOrderModel, fine: FullOrderModel) -> np.ndarray:
     for pair, contact in enumerate(fine.scene.contacts):
         for tag in contact.tags:
             surface = coarse.discretisation.surface(tag)
-            given = _carried_by(coarse, pair, surface.nodes)
-            asked = _carried_by(fine, pair, fine.discretisation.surface(tag).nodes)
-            if not asked.size:
+            coarse_rows = _carried_by(coarse, pair, surface.nodes)
+            fine_rows = _carried_by(fine, pair, fine.discretisation.surface(tag).nodes)
+            if not fine_rows.size:
                 continue
-            if not given.size:
+            if not coarse_rows.size:
                 raise NotOfferedError(
                     f"contact {pair} has conditions on surface {tag!r}, and none of them on the "
                     "coarser mesh: take smaller cells there"
                 )
-            points = fine.problem.contact_points[asked]
-            between = _between(surface, coarse.problem.contact_slaves[given], points)
-            areas = coarse.problem.contact_areas[given]
+            points = fine.problem.contact_points[fine_rows]
+            between = _between(surface, coarse.problem.contact_slaves[coarse_rows], points)
+            areas = coarse.problem.contact_areas[coarse_rows]
             # a node on the axis has no area, and its force no pressure
             between *= np.divide(1.0, areas, out=np.zeros(len(areas)), where=areas > 0)
-            spread[np.ix_(asked, given)] = fine.problem.contact_areas[asked, None] * between
+            spread[np.ix_(fine_rows, coarse_rows)] = (
+                fine.problem.contact_areas[fine_rows, None] * between
+            )
     return spread
 
 
@@ -184,13 +186,15 @@ class CoarseFields(ElasticFields):
         """Coarse displacement at the nodes of the fine mesh, (N,)."""
         from dolfinx import fem
 
-        given = fem.Function(self.coarse.discretisation.space)
+        coarse_field = fem.Function(self.coarse.discretisation.space)
         problem = self.coarse.problem
-        given.x.array[:] = answer.unknown + problem.lifts @ problem.amplitudes(answer.parameter)
+        coarse_field.x.array[:] = answer.unknown + problem.lifts @ problem.amplitudes(
+            answer.parameter
+        )
         points = self.order.discretisation.space.tabulate_dof_coordinates()
         found = np.zeros((len(points), self.order.discretisation.mesh.geometry.dim))
         for nodes, cells in self._cells:
-            found[nodes] = given.eval(points[nodes], cells)
+            found[nodes] = coarse_field.eval(points[nodes], cells)
         return found.ravel()
 
     def stress(self, answer: Answer) -> np.ndarray:

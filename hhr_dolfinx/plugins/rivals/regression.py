@@ -142,7 +142,7 @@ def scaled(space: ParameterSpace, points: np.ndarray) -> np.ndarray:
 
 
 def _gaussian(points: np.ndarray, values: np.ndarray) -> Predict:
-    """A process of its own for each coefficient: fine modes vary faster than coarse ones."""
+    """One process for each coefficient: fine modes vary faster than coarse ones."""
     with extra("rivals", "a Gaussian process"):
         from sklearn.gaussian_process import GaussianProcessRegressor
         from sklearn.gaussian_process.kernels import Matern, WhiteKernel
@@ -161,7 +161,7 @@ def _gaussian(points: np.ndarray, values: np.ndarray) -> Predict:
 
 @dataclass(frozen=True)
 class Processes:
-    """Means of Gaussian processes with Matern 5/2 and lengths of their own.
+    """Means of Gaussian processes with Matern 5/2 and different lengths.
 
     C. E. Rasmussen and C. K. I. Williams, Gaussian Processes for Machine Learning, 2006, equations
     2.25 and 4.17.

@@ -110,7 +110,7 @@ def test_matrices_of_heat_count_before_pictures_are_made(monkeypatch):
 @in_node
 def test_the_kernel_is_that_of_its_sources():
     """Sources that change without the kernel would be a page that answers otherwise."""
-    kernel = on_page.KERNEL.read_bytes()
+    kernel = on_page.HEAT_KERNEL.read_bytes()
     assert SOURCES_SECTION + digest_of(on_page.heat_sources()) in kernel
 
 
