@@ -103,7 +103,10 @@ class HeatOnPage:
             room: bytes for all arrays, as text.
         """
         space = self.model.parameters
-        outputs = [*tree["outputs"], *({"name": name, "unit": ""} for name in self._flows)]
+        outputs = [
+            *tree["outputs"],
+            *({"name": name, "unit": ""} for name in self.model.flow_outputs),
+        ]
         count = len(space.names)
         kernel = tree["kernel"]
         largest = sys.float_info.max  # the kernel solves for any heat flow
@@ -121,10 +124,6 @@ class HeatOnPage:
                 "temperature": self._temperature(scenery, arrays, room),
             },
         }
-
-    @property
-    def _flows(self) -> list[str]:
-        return self.model.flow_outputs
 
     def _kernel(self, kernel: dict[str, Any], outputs: int, arrays: Packed) -> dict[str, Json]:
         """Records of heat in the kernel."""

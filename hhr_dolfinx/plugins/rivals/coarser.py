@@ -11,12 +11,11 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status, Statuses
 from hhr_dolfinx.errors import NotOfferedError, rounded
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.models.answer import Answer, ElasticFields, found_as
+from hhr_dolfinx.models.answer import Answer, found_as
 from hhr_dolfinx.plugins.nonmatching.projection import closest_points
-from hhr_dolfinx.plugins.rivals.projection import RivalModel, check_elastic
+from hhr_dolfinx.plugins.rivals.projection import RivalFields, RivalModel, check_elastic
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import Meshed
     from hhr_dolfinx.pairings.surface import Surface
     from hhr_dolfinx.scene import Scene
 
@@ -143,23 +142,12 @@ def _between(surface: Surface, nodes: np.ndarray, points: np.ndarray) -> np.ndar
 
 
 @dataclass(frozen=True)
-class CoarseFields(ElasticFields):
+class CoarseFields(RivalFields):
     """Fields of a coarse answer on the fine mesh, see
     :class:`~hhr_dolfinx.models.answer.ModelFields`.
     """
 
-    order: FullOrderModel
     coarse: FullOrderModel
-
-    @property
-    def full(self) -> Meshed:
-        """The full model of the fine mesh."""
-        return self.order
-
-    @property
-    def conditions(self) -> int:
-        """Number of contact conditions, N_lambda."""
-        return self.order.conditions
 
     @cached_property
     def _cells(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -196,7 +184,3 @@ class CoarseFields(ElasticFields):
         for nodes, cells in self._cells:
             found[nodes] = coarse_field.eval(points[nodes], cells)
         return found.ravel()
-
-    def stress(self, answer: Answer) -> np.ndarray:
-        """Stress of the displacement in the middle of each fine cell, (cells, components)."""
-        return self.order.stress_of(self.displacement(answer), answer.parameter)

@@ -248,12 +248,10 @@ def least_distance(rows: np.ndarray, slack: np.ndarray) -> tuple[np.ndarray | No
 
 
 @dataclass(frozen=True)
-class ConeFields(ElasticFields):
-    """Fields of a basis on the whole mesh, see :class:`~hhr_dolfinx.models.answer.ModelFields`."""
+class RivalFields(ElasticFields):
+    """Fields on the mesh of a full model, by displacements that a rival derives."""
 
     order: FullOrderModel
-    basis: np.ndarray
-    cone: np.ndarray
 
     @property
     def full(self) -> Meshed:
@@ -265,12 +263,20 @@ class ConeFields(ElasticFields):
         """Number of contact conditions, N_lambda."""
         return self.order.conditions
 
+    def stress(self, answer: Answer) -> np.ndarray:
+        """Stress in the middle of each cell, Kelvin's notation, (cells, components)."""
+        return self.order.stress_of(self.displacement(answer), answer.parameter)
+
+
+@dataclass(frozen=True)
+class ConeFields(RivalFields):
+    """Fields of a basis on the whole mesh, see :class:`~hhr_dolfinx.models.answer.ModelFields`."""
+
+    basis: np.ndarray
+    cone: np.ndarray
+
     def displacement(self, answer: Answer) -> np.ndarray:
         """V gamma + lift, (N,)."""
         problem = self.order.problem
         lift: np.ndarray = problem.lifts @ problem.amplitudes(answer.parameter)
         return self.basis @ answer.unknown + lift
-
-    def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in the middle of each cell, Kelvin's notation, (cells, components)."""
-        return self.order.stress_of(self.displacement(answer), answer.parameter)
